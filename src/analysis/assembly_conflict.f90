@@ -145,6 +145,7 @@ contains
     deallocate (part%switching_rows)
     allocate (part%switching_rows(0))
     part%elements = size(part%switching)
+    part%stop_rows = 0
     part%joints = count(kept(:all%joints))
     part%permanent = size(part%constraints)
     part%rows = 0

@@ -16,15 +16,23 @@ contains
     type(run_state), intent(inout) :: run
     character(*), intent(in) :: word               !! of the deck: 'held', 'free'
     call run%sys%free_friction()
+    call run%sys%hold_stops(0.0_wp, run%y)
     if (word == 'held') call run%sys%hold_friction(0.0_wp, run%y)
   end subroutine set_friction
 
-  !> Says which joints are held, which slide.
+  !> Says which joints are held, which slide, and which rigid stops are closed.
   subroutine tell_friction(run, text)
     type(run_state), intent(in) :: run
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: held, sliding, free
     integer :: k
+    held = ''
+    do k = size(run%sys%m%s%constraints) - run%sys%m%s%stop_rows + 1, size(run%sys%m%s%constraints)
+      associate (row => run%sys%m%s%constraints(k)%item)
+        if (row%holds(run%sys%ev%switches%state(row%switch_number))) held = held//' "'//trim(row%name)//'"'
+      end associate
+    end do
+    if (len(held) > 0) call text%figure('  rigid stops that are closed:', 'closed_stops', held, rest='')
     held = ''
     sliding = ''
     free = ''

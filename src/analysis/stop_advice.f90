@@ -29,7 +29,8 @@ contains
     work = ev
     call evaluate_start(m, work, q)
     call text%line('')
-    call text%line('stops at a penetration of '//to_text(100*example_depth)//' % of the size, or '//to_text(example_depth)//' rad')
+    call text%line('stops (yielding ones at a penetration of '//to_text(100*example_depth)//' % of the size, or '// &
+                   to_text(example_depth)//' rad)')
     call text%open('stop_examples', '[')
     do i = 1, m%s%stops
       call one_stop(m, work, i, text)
@@ -52,11 +53,16 @@ contains
     class is (stop_model)
       depth = f%example()
       stiffness = f%stiffness_at(depth)
-      words = '  stop "'//trim(f%name)//'": stiffness '//to_text(stiffness)//trim(merge(' Nm/rad', ' N/m   ', f%angular))
+      words = '  stop "'//trim(f%name)//'": '
+      if (f%rigid) words = words//'rigid'
+      if (.not. f%rigid) words = words//'stiffness '//to_text(stiffness)//trim(merge(' Nm/rad', ' N/m   ', f%angular))
       call text%open('', '{')
       call text%member('name', json_text(trim(f%name)))
-      call text%member('stiffness', json_number(stiffness))
-      if (mass < huge(1.0_wp)) then
+      if (.not. f%rigid) call text%member('stiffness', json_number(stiffness))
+      if (f%rigid .and. mass < huge(1.0_wp)) then
+        call text%member('mass', json_number(mass))
+        words = words//', met by '//to_text(mass)//trim(merge(' kg m2', ' kg   ', f%angular))
+      else if (mass < huge(1.0_wp)) then
         speed = sqrt(2*stiffness*depth**2/(f%exponent*(f%exponent + 1)*mass))
         time = f%impact_time(mass, speed)
         call text%member('mass', json_number(mass))

@@ -39,8 +39,8 @@ contains
       call set_acts(list(:, k), s%constraints(k)%item%acts_on())
       if (k <= size(d%joints)) list(3, k)%acts(3) = d%joints(k)%type == 'gear'
     end do
-    do k = 1, size(s%switching_rows)
-      associate (c => s%constraints(s%switching_rows(k))%item)
+    do k = n + 1, size(s%constraints)
+      associate (c => s%constraints(k)%item)
         call set_acts(list(:, c%parent), c%acts_on())
       end associate
     end do

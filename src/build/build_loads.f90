@@ -2,6 +2,7 @@
 module build_loads
   use build_history, only: make_history
   use build_law, only: law_of
+  use constraint, only: constraint_box
   use deck_origin, only: origin
   use deck_records, only: deck, force_record, spring_record, stop_record, transient_record
   use errors, only: fault_list
@@ -9,12 +10,13 @@ module build_loads
   use history, only: history_model
   use loads, only: load_model, body_force_model, central_torque_model, point_force_model, section_force_model, torque_model
   use scene_model, only: scene
+  use stop_row, only: stop_row_model
   use springs, only: spring_model, linear_model, torsional_model
   use stops, only: stop_model, clearance_stop, position_stop, rotation_stop, rebound_factor
   use text, only: quoted
   implicit none (type, external)
   private
-  public :: make_forces
+  public :: make_forces, place_stop_rows
 
 contains
 
@@ -48,7 +50,59 @@ contains
       s%constraints(s%switching_rows(k))%item%switch_number = size(s%switching) + k
     end do
     s%elements = size(s%switching) + size(s%switching_rows)
+    call add_stop_rows(s)
   end subroutine make_forces
+
+  !> A row for each rigid stop, behind all others.
+  subroutine add_stop_rows(s)
+    type(scene), intent(inout) :: s
+    type(constraint_box), allocatable :: all(:)
+    integer :: k, n
+    s%stop_rows = count([(is_rigid(s%forces(k)%item), k=1, size(s%forces))])
+    n = size(s%constraints)
+    allocate (all(n + s%stop_rows))
+    do k = 1, n
+      call move_alloc(s%constraints(k)%item, all(k)%item)
+    end do
+    do k = 1, size(s%forces)
+      if (.not. is_rigid(s%forces(k)%item)) cycle
+      n = n + 1
+      allocate (all(n)%item, source=stop_row_model(rows=1, parent=s%permanent + k, name=s%forces(k)%item%name, &
+                                                   switch_number=s%forces(k)%item%switch_number))
+    end do
+    call move_alloc(all, s%constraints)
+    call place_stop_rows(s)
+  end subroutine add_stop_rows
+
+  !> Gives those rows the stops, again when these have their markers.
+  subroutine place_stop_rows(s)
+    type(scene), intent(inout) :: s
+    integer :: k
+    do k = size(s%constraints) - s%stop_rows + 1, size(s%constraints)
+      select type (c => s%constraints(k)%item)
+      class is (stop_row_model)
+        associate (f => s%forces(s%switching(c%switch_number))%item)
+          f%row = c%first
+          c%ia = f%ia
+          c%ib = f%ib
+          select type (f)
+          class is (stop_model)
+            c%stop = f
+          end select
+        end associate
+      end select
+    end do
+  end subroutine place_stop_rows
+
+  !> Whether an element is a rigid stop.
+  pure logical function is_rigid(f) result(yes)
+    class(force_model), intent(in) :: f
+    yes = .false.
+    select type (f)
+    class is (stop_model)
+      yes = f%rigid
+    end select
+  end function is_rigid
 
   !> The factory of springs: the deck's word into the kind.
   subroutine make_spring(d, r, item, faults)
@@ -160,7 +214,12 @@ contains
     t%hardness = r%stiffness
     t%exponent = r%exponent
     t%chi = r%damping
-    t%rebound = rebound_factor(r%restitution)
+    t%rigid = r%rigid
+    if (r%rigid) then
+      t%restitution = r%restitution
+    else
+      t%rebound = rebound_factor(r%restitution)
+    end if
     call move_alloc(t, item)
   end subroutine make_stop
 end module build_loads

@@ -6,7 +6,7 @@ module build_scene
   use build_bodies, only: build_body
   use build_constraints, only: make_constraints, place_friction
   use build_controllers, only: make_controllers, place_controllers
-  use build_loads, only: make_forces
+  use build_loads, only: make_forces, place_stop_rows
   use build_quantities, only: make_quantity
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use counting_sort, only: sort_by_number
@@ -85,6 +85,7 @@ contains
         f%size = s%size
       end associate
     end do
+    call place_stop_rows(s)
     do k = 1, size(d%forces)
       associate (r => d%forces(k)%argument)
         if (r%sensor > 0) call make_quantity(d, s, d%sensors(r%sensor), r%number, markers, s%forces(s%springs + k)%item%argument)

@@ -104,7 +104,7 @@ contains
     do k = 1, size(self%s%forces)
       associate (f => self%s%forces(k)%item)
         text = f%fault(ev%p, gap)
-        if (len(text) > 0 .and. report%culprit == 0) report%culprit = size(self%s%constraints) + k
+        if (len(text) > 0 .and. report%culprit == 0) report%culprit = self%s%permanent + k
         if (len(text) > 0) call fail%raise(status_bad_input, trim(f%group)//' "'//trim(f%name)//'": '//text)
         text = f%warning(ev%p)
         if (len(text) > 0) call add_warning(report, trim(f%group)//' "'//trim(f%name)//'" '//text)

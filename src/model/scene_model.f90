@@ -26,6 +26,7 @@ module scene_model
     integer :: permanent = 0                    !! how many of them are joints or drives
     integer :: permanent_rows = 0               !! their rows, the first ones
     integer, allocatable :: switching_rows(:)   !! the constraints behind them, each of one row that may hold or not
+    integer :: stop_rows = 0                    !! how many of rigid stops follow, the last rows
     type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, then stops
     integer :: springs = 0                      !! how many of them are springs
     integer :: stops = 0                        !! how many of them are stops

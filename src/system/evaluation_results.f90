@@ -112,7 +112,7 @@ contains
     associate (r => ev%rows)
       n = m%s%rows
       allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%sc(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
-      if (size(m%s%switching_rows) > 0) then
+      if (m%s%rows > m%s%permanent_rows) then
         allocate (r%off(n), source=[(k > m%s%permanent_rows, k=1, n)])
         allocate (r%acceleration(n), source=0.0_wp)
       end if
@@ -166,7 +166,7 @@ contains
     integer, intent(in) :: k
     real(wp) :: term(6)                     ! [m/s]
     integer :: a, b
-    associate (c => m%s%constraints(m%s%switching_rows(k))%item, r => ev%rows)
+    associate (c => m%s%constraints(m%s%permanent + k)%item, r => ev%rows)
       associate (i => c%first)
         a = c%ia
         b = c%ib
@@ -197,6 +197,7 @@ contains
     if (i == 0) return
     with%state = ev%switches%state(i)
     with%memory = ev%switches%memory(i)
+    if (m%s%forces(k)%item%row > 0) with%multiplier = ev%lambda(m%s%forces(k)%item%row)
   end function conditions_of
 
   !> What the state integrates: power dissipated by all, put in, and dissipated by each element that switches, also by friction.

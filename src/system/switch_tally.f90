@@ -6,7 +6,7 @@ module switch_tally
   use archive, only: value_archive
   use force_element, only: conditions
   use mechanism, only: mechanism_model
-  use stops, only: share_of_contact
+  use stops, only: share_of_contact, share_of_flight
   implicit none (type, external)
   private
   public :: exchange_tallies
@@ -22,6 +22,7 @@ module switch_tally
     real(wp) :: first = 0.0_wp, last = 0.0_wp !! times of the first and the last one [s]
     real(wp) :: force = 0.0_wp                !! largest [N] or [N m]
     real(wp) :: depth = 0.0_wp                !! largest penetration [m] or [rad]
+    real(wp) :: impulse = 0.0_wp              !! of rigid stops: largest [N s] or [N m s]
     integer :: steps = 0                      !! of the present contact
     real(wp) :: mass = huge(1.0_wp)           !! that met it there [kg] or [kg m2]
     real(wp) :: time = huge(1.0_wp)           !! it takes about [s]
@@ -33,6 +34,8 @@ module switch_tally
   contains
     procedure :: count => count_events
     procedure :: note_contact
+    procedure :: note_impact
+    procedure :: note_rigid
     procedure :: note_event
     procedure :: note_step
     procedure :: graded
@@ -81,6 +84,24 @@ contains
     self%to_end = 0.0_wp
     self%longest = share_of_contact*time
   end subroutine note_contact
+
+  !> A rigid stop has been met: the first step after it is to be a part of the flight to the next impact.
+  pure subroutine note_impact(self, impulse, flight)
+    class(element_tally), intent(inout) :: self
+    real(wp), intent(in) :: impulse           !! [N s] or [N m s]
+    real(wp), intent(in) :: flight            !! [s]
+    self%impulse = max(self%impulse, impulse)
+    self%longest = share_of_flight*flight
+  end subroutine note_impact
+
+  !> Looks at an accepted step of a rigid stop.
+  pure subroutine note_rigid(self, state, force)
+    class(element_tally), intent(inout) :: self
+    integer, intent(in) :: state              !! 0: open
+    real(wp), intent(in) :: force(2)          !! with which it pushes at both ends, where it is closed [N]
+    self%longest = huge(1.0_wp)
+    if (state /= 0) self%force = max(self%force, maxval(force, mask=force < huge(1.0_wp)))
+  end subroutine note_rigid
 
   !> Looks at an accepted step of an element that is not open. A contact that lasts is no impact any more: explicit steps have to
   !> follow its stiffness, others nothing.
@@ -155,6 +176,7 @@ contains
         call a%exchange(x%last)
         call a%exchange(x%force)
         call a%exchange(x%depth)
+        call a%exchange(x%impulse)
         call a%exchange(x%steps)
         call a%exchange(x%mass)
         call a%exchange(x%time)

@@ -26,8 +26,8 @@ contains
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     real(wp), intent(inout) :: gap(:)        !! (rows) [m] or a derivative, [N] where off
     integer :: k, i
-    do k = 1, size(m%s%switching_rows)
-      associate (item => m%s%constraints(m%s%switching_rows(k))%item)
+    do k = m%s%permanent + 1, size(m%s%constraints)
+      associate (item => m%s%constraints(k)%item)
         i = item%first
         if (.not. ev%rows%off(i)) cycle
         gap(i) = -lambda(i)
@@ -50,7 +50,7 @@ contains
     integer :: i
     reaction = 0
     slope = 0.0_wp
-    select type (row => m%s%constraints(m%s%switching_rows(k))%item)
+    select type (row => m%s%constraints(m%s%permanent + k)%item)
     class is (friction_model)
       reaction(1:row%joint_rows) = [(row%joint_first + i, i=0, row%joint_rows - 1)]
       slope(1:row%joint_rows) = row%force_slope(ev%switches%state(row%switch_number), lambda)

@@ -101,6 +101,7 @@ contains
     do pass = 1, 4*size(m%s%switching)
       do i = 1, size(m%s%switching)
         k = findloc(down(most_roots*(i - 1) + 1:most_roots*i), .true., 1)
+        if (m%s%forces(m%s%switching(i))%item%row > 0) cycle     ! a rigid stop (`impacts`)
         if (k > 0) call switch_one(m, ev, t, i, k, list)
       end do
       call watch_roots(m, ev, q, v, g, rate, zero)

@@ -11,6 +11,7 @@ module static_analysis
   use linear_state, only: linear_system_with, evaluate_state, refuse_uneven
   use linear_matrices, only: linear_mechanism
   use force_element, only: by_position, element_action, held, stage_static
+  use impacts, only: close_entered
   use interruption, only: stop_if_signalled
   use natural_modes, only: lowest_natural_modes, rounding_level
   use scene_run, only: run_state, no_output
@@ -147,7 +148,7 @@ contains
       call stop_if_signalled('static analysis', fail)
       if (fail%happened()) exit
       part = fraction_of(run%sys%options, real(k, wp)/run%d%static%load_steps)
-      call find_place(run, part, any(loose), report)
+      call find_closed_place(run, part, any(loose), report)
       steps = steps + report%steps
       if (report%converged .and. stops) call require_held(run, loose, fail)
       if (fail%happened()) exit
@@ -181,6 +182,26 @@ contains
     call add_warnings(text, run%d%path, watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis ', run%vibrates()))
     if (.not. fail%happened()) call tell_growth(run, text)
   end subroutine run_static
+
+  !> The same with rigid stops: rows are added and dropped until none of these is entered or pulls.
+  subroutine find_closed_place(run, part, loose, report)
+    type(run_state), intent(inout) :: run
+    type(evaluation_options), intent(in) :: part     !! of the loads
+    logical, intent(in) :: loose                     !! only stops hold some body
+    type(equilibrium_report), intent(out) :: report
+    logical :: changed
+    integer :: pass, steps
+    steps = 0
+    do pass = 1, 4*run%sys%m%s%stop_rows + 1
+      call find_place(run, part, loose, report)
+      report%steps = report%steps + steps
+      steps = report%steps
+      if (.not. report%converged .or. run%sys%m%s%stop_rows == 0) return
+      call close_entered(run%sys%m, run%sys%ev, changed)
+      if (.not. changed) return
+    end do
+    report%converged = .false.
+  end subroutine find_closed_place
 
   !> Equilibrium under a part of the loads. Bodies that only stops hold come to these first, and so do those for which Newton's
   !> method finds nothing.

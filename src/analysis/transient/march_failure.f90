@@ -6,6 +6,8 @@ module march_failure
   use friction_row, only: friction_model
   use assembly_conflict, only: deck_line_of
   use assembly_reports, only: too_uneven, weakest_constraint, weakest_text
+  use contact_mass, only: drives_against, mass_at
+  use evaluation_results, only: evaluation
   use projection, only: open_constraints
   use scene_run, only: run_state
   use step_control, only: error_norm
@@ -82,9 +84,13 @@ contains
         text = text//advice('try a smaller step', 'try a larger tolerance', run)
       end if
     case (trouble_events)
-      text = 'events follow one another without end at t = '//number(march%t)//' s, in'//last_elements(run)// &
-             ': more than 1000 in a millionth of the run; their limits may exclude one another, or a drive may press against a '// &
-             'limit that yields too little: check limits and stiffnesses'
+      if (run%sys%conflict > 0) then
+        text = rigid_conflict(run, march%t)
+      else
+        text = 'events follow one another without end at t = '//number(march%t)//' s, in'//last_elements(run)// &
+               ': more than 1000 in a millionth of the run; their limits may exclude one another, or a drive may press against '// &
+               'a limit that yields too little: check limits and stiffnesses'
+      end if
     case default      ! trouble_size
       text = 'the solution diverged at t = '//number(march%tried)//' s'//culprit(run, norm, march%trial)
       text = text//advice(too_large, 'no step is small enough: check the loads', run)
@@ -166,6 +172,23 @@ contains
                     ' m), more than a hundredth of the scene''s size; a drive may demand the impossible there; try '// &
                     'stabilization=''projection'', or a smaller step or tolerance. '//kept(last))
   end subroutine explain_drift
+
+  !> A rigid stop against which something moves that cannot give way.
+  function rigid_conflict(run, t) result(text)
+    type(run_state), intent(in) :: run
+    real(wp), intent(in) :: t                  !! [s]
+    character(:), allocatable :: text, drives
+    type(evaluation) :: work
+    work = run%sys%ev
+    associate (k => run%sys%m%s%switching(run%sys%conflict))
+      drives = ''
+      if (.not. mass_at(run%sys%m, work, k) < huge(1.0_wp)) drives = drives_against(run%sys%m, work)
+      text = 'stop "'//trim(run%sys%m%s%forces(k)%item%name)//'" is rigid, and what presses on it at t = '//number(t)// &
+             ' s cannot give way'
+    end associate
+    if (len(drives) > 0) text = text//': it is moved by drive'//drives
+    text = text//'; give the stop a stiffness, or check drives and limits'
+  end function rigid_conflict
 
   !> The elements of the last events, as part of a sentence.
   function last_elements(run) result(text)

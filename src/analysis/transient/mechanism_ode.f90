@@ -11,13 +11,14 @@ module mechanism_ode
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: conditions_of, evaluation, powers_of
   use condensed_system, only: change_rows
-  use force_element, only: by_position, idle, most_roots
+  use force_element, only: idle, by_position, idle, most_roots
   use friction_states, only: comes_to_rest, motion_state, settle_friction
   use friction_row, only: friction_model, row_stuck
   use friction_tally, only: joint_tally, exchange_friction
   use mechanism, only: mechanism_model
   use newton_condensation, only: condense
   use contact_mass, only: mass_at, time_of_contact
+  use impacts, only: impact_result, pass_impacts
   use complex_newton_condensation, only: condense_complex => condense
   use newton_correction, only: take_residual, correction, row_correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
@@ -48,6 +49,7 @@ module mechanism_ode
     type(evaluation) :: ev                    !! its last evaluation
     type(evaluation_options) :: options       !! what acts in the present analysis
     type(event_list) :: events                !! of elements that switch
+    integer :: conflict = 0                   !! a rigid stop against which something presses that cannot give way; 0: none
     type(element_tally), allocatable :: tally(:)   !! of each of them
     type(joint_tally), allocatable :: friction(:)  !! of each joint with friction
     real(wp) :: shortest_limit = huge(1.0_wp) !! shortest of all steps that contacts allowed [s]
@@ -85,6 +87,7 @@ module mechanism_ode
     procedure :: start_switching
     procedure :: place_of
     procedure :: hold_friction
+    procedure :: hold_stops
     procedure :: free_friction
     procedure :: find_roots
     procedure :: resolve_events
@@ -158,6 +161,12 @@ contains
     allocate (self%friction(self%m%s%elements - size(self%tally)))
     if (self%m%s%stops > 0) call begin_contacts(self, t, y, [(k, k=1, self%m%s%stops)], &
                                                 self%ev%switches%state(:self%m%s%stops) /= 0)
+    call meet_rigid_stops(self, t, y, spread(.false., 1, self%roots))
+    do k = 1, self%events%count
+      associate (event => self%events%items(k))
+        call self%tally(event%element)%note_event(t, event%from, event%to)
+      end associate
+    end do
     call self%hold_friction(t, y)
     do k = 1, size(self%friction)
       self%friction(k)%place = self%place_of(k)
@@ -172,6 +181,26 @@ contains
       place_of = row%measure(self%ev%p)/merge(row%size, 1.0_wp, row%angular)
     end associate
   end function place_of
+
+  !> Rigid stops that are touched and pressed at a state at rest are closed, others open.
+  subroutine hold_stops(self, t, y)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp) :: same(size(y))
+    type(event_list) :: unheard
+    type(impact_result) :: x
+    integer :: k
+    if (self%m%s%stop_rows == 0) return
+    same = y
+    do k = 1, self%m%s%stops
+      if (self%m%s%forces(self%m%s%switching(k))%item%row > 0) self%ev%switches%state(k) = idle
+    end do
+    associate (n => self%m%s%nq, i => 2*self%m%s%nq + self%m%s%nz, e => 2*self%m%s%nq + self%m%s%nz + self%m%s%nzd)
+      call pass_impacts(self%m, self%ev, self%options, t, same(1:n), same(n + 1:2*n), same(2*n + 1:i), same(i + 1:e), &
+                        spread(.false., 1, most_roots*self%m%s%elements), unheard, x)
+    end associate
+  end subroutine hold_stops
 
   !> Joints with friction stick or slip as at a state that no event has led to.
   subroutine hold_friction(self, t, y)
@@ -203,7 +232,7 @@ contains
     integer :: k
     k = self%roots - 2*size(self%m%s%controllers)
     associate (nq => self%m%s%nq, nz => self%m%s%nz, n => most_roots*size(self%m%s%switching))
-      if (size(self%m%s%switching_rows) > 0) then
+      if (size(self%m%s%switching_rows) > 0 .or. holds_stops(self)) then
         at = motion_at(self, t, y)
         call evaluate_branch(self%m, self%ev, at_side(self%options, left_limit), t, at%q, at%v, at%z, at%zd)
         call watch_rows(self%m, self%ev, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
@@ -215,6 +244,18 @@ contains
     end associate
   end subroutine find_roots
 
+  !> Whether a rigid stop is closed.
+  pure logical function holds_stops(self) result(yes)
+    class(mechanism_system), intent(in) :: self
+    integer :: k
+    yes = .false.
+    do k = size(self%m%s%constraints) - self%m%s%stop_rows + 1, size(self%m%s%constraints)
+      associate (c => self%m%s%constraints(k)%item)
+        yes = yes .or. c%holds(self%ev%switches%state(c%switch_number))
+      end associate
+    end do
+  end function holds_stops
+
   !> The parts of a state.
   pure type(motion_state) function motion_at(self, t, y) result(at)
     class(mechanism_system), intent(in) :: self
@@ -225,7 +266,8 @@ contains
     end associate
   end function motion_at
 
-  !> Events change states alone; joints that begin to stick have no rate left; samples change what controllers put out.
+  !> Events change states, rigid stops velocities; joints that begin to stick have no rate left; samples change what controllers put
+  !> out.
   subroutine resolve_events(self, t, y, fallen, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -239,9 +281,11 @@ contains
       call pass_control_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), fallen(n + 1:))
       if (n == 0) return
       n = self%events%count
+      call meet_rigid_stops(self, t, y, fallen)
       if (size(self%tally) > 0) call pass_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), &
                                                  fallen(:most_roots*size(self%tally)), self%events, ok)
     end associate
+    ok = ok .and. self%conflict == 0
     do k = n + 1, self%events%count
       associate (event => self%events%items(k))
         call self%tally(event%element)%note_event(t, event%from, event%to)
@@ -252,6 +296,32 @@ contains
                         self%events%items(n + 1:self%events%count)%from == 0)
     if (ok .and. size(self%m%s%switching_rows) > 0) call resolve_friction(self, t, y, fallen, ok)
   end subroutine resolve_events
+
+  !> Passes the rigid stops that are touched.
+  subroutine meet_rigid_stops(self, t, y, fallen)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    logical, intent(in) :: fallen(:)        !! (roots)
+    type(impact_result) :: x
+    logical :: ok
+    integer :: k
+    if (self%m%s%stop_rows == 0) return
+    associate (n => self%m%s%nq, i => 2*self%m%s%nq + self%m%s%nz, e => 2*self%m%s%nq + self%m%s%nz + self%m%s%nzd)
+      call pass_impacts(self%m, self%ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:e), fallen, self%events, x)
+      self%conflict = x%conflict
+      if (.not. x%any) return
+      ok = .true.
+      if (x%conflict == 0) call project(self%m, self%ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:e), ok)
+      if (.not. ok) self%conflict = maxloc(x%impulse, 1)
+      y(e + 1) = y(e + 1) + sum(x%lost)
+      y(e + 2) = y(e + 2) + x%work
+      do k = 1, size(x%lost)
+        y(e + 2 + k) = y(e + 2 + k) + x%lost(k)
+        if (self%m%s%forces(self%m%s%switching(k))%item%row > 0) call self%tally(k)%note_impact(x%impulse(k), x%flight(k))
+      end do
+    end associate
+  end subroutine meet_rigid_stops
 
   !> Joints with friction after any event.
   subroutine resolve_friction(self, t, y, fallen, ok)
@@ -312,6 +382,7 @@ contains
     end if
     do i = 1, size(elements)
       if (.not. begins(i)) cycle
+      if (self%m%s%forces(self%m%s%switching(elements(i)))%item%row > 0) cycle
       associate (k => self%m%s%switching(elements(i)))
         mass = mass_at(self%m, self%ev, k)
         call self%tally(elements(i))%note_contact(mass, time_of_contact(self%m, self%ev, k, mass))
@@ -323,20 +394,25 @@ contains
   !> The longest step that all contacts allow.
   subroutine limit_steps(self)
     class(mechanism_system), intent(inout) :: self
+    integer :: k
     self%longest_step = minval([huge(1.0_wp), self%tally%longest])
-    self%shortest_limit = min(self%shortest_limit, self%longest_step)
+    do k = 1, size(self%tally)              ! those of rigid stops are flights
+      if (self%m%s%forces(self%m%s%switching(k))%item%row > 0) cycle
+      self%shortest_limit = min(self%shortest_limit, self%tally(k)%longest)
+    end do
   end subroutine limit_steps
 
-  !> Accepted steps of elements that are not open.
+  !> Accepted steps.
   subroutine note_step(self, h, g0, rate0, g1, rate1)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: h               !! [s]
     real(wp), intent(in) :: g0(:), rate0(:), g1(:), rate1(:)   !! (roots) [any], [any/s]
     integer :: i, k
     do i = 1, self%m%s%stops
-      if (self%ev%switches%state(i) == 0) cycle
       k = most_roots*(i - 1) + 1            ! the penetration
-      associate (element => self%m%s%switching(i))
+      associate (element => self%m%s%switching(i), state => self%ev%switches%state(i))
+        if (self%m%s%forces(element)%item%row > 0) call self%tally(i)%note_rigid(state, [g0(k), g1(k)])
+        if (state == 0 .or. self%m%s%forces(element)%item%row > 0) cycle
         call self%tally(i)%note_step(self%m, element, conditions_of(self%m, self%ev, element), .not. allocated(self%t), h, &
                                      [g0(k), g1(k)], [rate0(k), rate1(k)])
       end associate
@@ -367,6 +443,7 @@ contains
     do i = 1, size(self%tally)
       if (self%ev%switches%state(i) == idle) cycle
       associate (stop => self%m%s%forces(self%m%s%switching(i))%item)
+        if (stop%row > 0) cycle             ! rigid: nothing to follow
         longest = min(longest, self%tally(i)%graded(min(h, longest), order, stop%smoothness()))
       end associate
     end do

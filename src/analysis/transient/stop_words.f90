@@ -78,8 +78,13 @@ contains
         call text%words%add(' s')
       end if
       call text%figure('; largest force ', 'largest_force', x%force, 4)
-      call text%figure(' '//unit//', penetration ', 'largest_penetration', x%depth, 4)
-      call text%figure(trim(merge(' rad', ' m  ', f%angular))//'; lost ', 'lost', lost, 4)
+      if (f%row > 0) then
+        call text%figure(' '//unit//', impulse ', 'largest_impulse', x%impulse, 4)
+        call text%figure(' '//unit//'s; lost ', 'lost', lost, 4)
+      else
+        call text%figure(' '//unit//', penetration ', 'largest_penetration', x%depth, 4)
+        call text%figure(trim(merge(' rad', ' m  ', f%angular))//'; lost ', 'lost', lost, 4)
+      end if
       call text%words%add(' J')
       if (x%fewest < huge(1)) then
         call text%figure('; shortest contact ', 'shortest_contact', x%briefest, 3)

@@ -150,14 +150,21 @@ contains
     call get(deck, 'lower', s%lower, kinds='rotation position')
     call get(deck, 'upper', s%upper, kinds='rotation position')
     call get(deck, 'gap', s%upper, required, above=0.0_wp, kinds='clearance')
-    call get(deck, 'stiffness', s%stiffness, required, above=0.0_wp, hint='all stops yield, a hard one a little')
-    if (.not. deck%is_given('stiffness')) call deck%note_missing('stiffness', 'stiffness > 0 (N/m^n or Nm/rad^n); all stops '// &
-      'yield, a hard one a little')
+    call get(deck, 'stiffness', s%stiffness, above=0.0_wp, hint='without stiffness and with restitution a stop is rigid')
+    s%rigid = deck%is_given('restitution') .and. .not. (deck%is_given('stiffness') .or. deck%is_given('damping'))
+    if (.not. (deck%is_given('stiffness') .or. s%rigid)) call deck%note_missing('stiffness', 'stiffness > 0 (N/m^n or '// &
+      'Nm/rad^n), or restitution alone: a rigid stop')
     call get(deck, 'exponent', s%exponent, least=1.0_wp, most=3.0_wp)
     call get(deck, 'damping', s%damping, least=0.0_wp)
-    call get(deck, 'restitution', s%restitution, least=0.05_wp, most=1.0_wp)
-    if (deck%is_given('damping') .and. deck%is_given('restitution')) call deck%complain('restitution', 'damping and '// &
-      'restitution are both given, expected one of them: a restitution sets the damping')
+    call get(deck, 'restitution', s%restitution, least=merge(0.0_wp, 0.05_wp, s%rigid), most=1.0_wp)
+    if (deck%is_given('damping') .and. deck%is_given('restitution')) then
+      call deck%complain('restitution', 'damping and restitution are both given, expected one of them: a restitution sets the '// &
+        'damping')
+    else if (s%rigid) then
+      call forbid_flexible(deck, d, s)
+      if (deck%is_given('exponent')) call deck%complain('exponent', 'exponent belongs to a stop with stiffness, expected '// &
+        'stiffness > 0, or restitution alone: a rigid stop')
+    end if
     if (deck%is_choice('rotation position')) then
       if (.not. (deck%is_given('lower') .or. deck%is_given('upper'))) then
         call deck%note_missing('upper', 'lower, upper or both')
@@ -168,4 +175,20 @@ contains
     end if
     call forbid_rigid_pair(deck, d, s%a, s%b)
   end subroutine read_stop
+
+  !> A rigid stop meets rigid bodies alone: how a flexible one rebounds depends on its mesh.
+  subroutine forbid_flexible(deck, d, s)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d            !! its bodies are read
+    type(stop_record), intent(in) :: s
+    integer :: k, bodies(2)
+    bodies = [s%a%body, s%b%body]
+    do k = 1, merge(2, 1, bodies(1) /= bodies(2))
+      if (bodies(k) == 0) cycle
+      if (.not. deck%body_known(bodies(k))) cycle
+      if (d%bodies(bodies(k))%kind /= 'rigid' .and. d%bodies(bodies(k))%flexible) call deck%complain('restitution', 'body '''// &
+        trim(d%bodies(bodies(k))%name)//''' is flexible, and how it rebounds from a rigid stop depends on its mesh; expected '// &
+        'stiffness beside restitution')
+    end do
+  end subroutine forbid_flexible
 end module deck_joints

@@ -189,6 +189,7 @@ module deck_records
     real(wp) :: exponent = 1.5_wp            !! n [-]
     real(wp) :: damping = 0.0_wp             !! [s/m] or [s/rad]
     real(wp) :: restitution = 1.0_wp         !! [-]
+    logical :: rigid = .false.               !! a restitution, but no stiffness
   end type stop_record
 
   !> &sensor

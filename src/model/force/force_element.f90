@@ -29,6 +29,7 @@ module force_element
     real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
     integer :: state = by_position        !! discrete state of an element that switches
     real(wp) :: memory = 0.0_wp           !! what it keeps from its last event: a stop the speed at touching [m/s] or [rad/s]
+    real(wp) :: multiplier = 0.0_wp       !! of its own constraint row, where it has one [N]
   end type conditions
 
   !> What an element does at a state.
@@ -53,6 +54,7 @@ module force_element
     real(wp) :: size = 1.0_wp             !! the scene's size: what lengths are small against [m]
     logical :: switches = .false.         !! it has discrete states, between which events lead
     integer :: switch_number = 0          !! its number among the elements that switch
+    integer :: row = 0                    !! its own constraint row; 0: it has none
     class(quantity_model), allocatable :: argument  !! motion that its force follows beside that of its markers; none: not allocated
   contains
     procedure :: product => elastic_product

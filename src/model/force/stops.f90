@@ -7,6 +7,9 @@
 !> and never pulls. Where a restitution e is stated, chi = y/v0 with v0 = d' at touching and y solved for, so that two free masses
 !> part with e v0 (theory.md, section 10). States: open; touching; let go: still beyond the limit, but the factor 1 + chi d' is
 !> negative, so that nothing acts. Events lead from one to another; where no state is kept it follows from the position.
+!>
+!> A rigid stop does not yield: impacts make velocities jump (`impacts`), and while it is closed a row of its own holds it
+!> (`stop_row`). Its state `touching` is closed; idle: it touches, but others hold what it limits.
 module stops
   use kinds, only: wp, pi
   use constraint, only: marker_stiffness
@@ -19,11 +22,13 @@ module stops
   public :: rebound_factor
 
   integer, parameter, public :: stop_open = 0, stop_touching = 1, stop_let_go = 2   !! negative ones: of the lower limit
+  integer, parameter, public :: stop_idle = 2, stop_rebound = 3   !! of rigid stops; the last one only says what an event was
 
   real(wp), parameter, public :: slowest_touch = 1.0e-3_wp   !! least v0 that a restitution is taken from, in sizes or rad [1/s]
   real(wp), parameter, public :: example_depth = 0.01_wp     !! penetration at which an open stop is described [size or rad]
 
   real(wp), parameter, public :: share_of_contact = 0.1_wp   !! a step that follows a contact, of the contact [-]
+  real(wp), parameter, public :: share_of_flight = 0.3_wp    !! the first step after a rebound, of the flight to the next [-]
 
   !> A stop.
   type, abstract, extends(force_model), public :: stop_model
@@ -34,6 +39,8 @@ module stops
     real(wp) :: chi = 0.0_wp               !! damping, where it is stated [s/m] or [s/rad]
     real(wp) :: rebound = 0.0_wp           !! y, where a restitution is stated [-]
     real(wp) :: assembled = 0.0_wp         !! penetration of the assembled scene, negative: of the lower limit [m] or [rad]
+    logical :: rigid = .false.             !! does not yield
+    real(wp) :: restitution = 1.0_wp       !! e of a rigid one [-]
   contains
     procedure(measure_quantity), deferred :: measure
     procedure :: curvature => no_curvature
@@ -50,7 +57,10 @@ module stops
     procedure :: rate_components => stop_rate_components
     procedure :: energy => stop_energy
     procedure :: init_from_assembly => stop_settle
+    procedure :: fault => begins_impossibly
     procedure :: warning => starts_beyond
+    procedure :: measured_text
+    procedure :: pressing
     procedure :: roots => stop_roots
     procedure :: opening_root => distance_to_limit
     procedure :: switch => stop_switch
@@ -345,20 +355,40 @@ contains
     type(marker_states), intent(in) :: p
     character(:), allocatable :: text
     type(stop_contact) :: c
-    character(:), allocatable :: unit
-    real(wp) :: x, xd, g(6)
     text = ''
     call self%contact(p, conditions(), c)
-    if (.not. c%depth > root_rounding*self%size) return
-    call self%measure(p, x, xd, g)
-    unit = merge(' rad', ' m  ', self%angular)
-    text = 'begins beyond its limit: it measures '//to_text(x)//trim(unit)//', allowed is'
-    if (self%lower > -huge(1.0_wp)) text = text//' from '//to_text(self%lower)
-    if (self%upper < huge(1.0_wp)) text = text//' up to '//to_text(self%upper)
-    text = text//', and it pushes with '//to_text(self%hardness*c%depth**self%exponent)//trim(merge(' N m', ' N  ', self%angular))
+    if (self%rigid .or. .not. c%depth > root_rounding*self%size) return
+    text = 'begins beyond its limit: it '//self%measured_text(p)//', and it pushes with '// &
+           to_text(self%hardness*c%depth**self%exponent)//trim(merge(' N m', ' N  ', self%angular))
   end function starts_beyond
 
+  !> A rigid one cannot begin there.
+  pure function begins_impossibly(self, p, gap) result(text)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
+    character(:), allocatable :: text
+    type(stop_contact) :: c
+    text = ''
+    call self%contact(p, conditions(), c)
+    if (self%rigid .and. c%depth*merge(self%size, 1.0_wp, self%angular) > gap) text = 'it is rigid, and it begins beyond its '// &
+      'limit: it '//self%measured_text(p)//'; expected bodies within the limits, or stiffness'
+  end function begins_impossibly
+
+  !> What it measures beside its limits, as part of a sentence.
+  pure function measured_text(self, p) result(text)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    character(:), allocatable :: text
+    real(wp) :: x, xd, g(6)
+    call self%measure(p, x, xd, g)
+    text = 'measures '//to_text(x)//trim(merge(' rad', ' m  ', self%angular))//', allowed is'
+    if (self%lower > -huge(1.0_wp)) text = text//' from '//to_text(self%lower)
+    if (self%upper < huge(1.0_wp)) text = text//' up to '//to_text(self%upper)
+  end function measured_text
+
   !> Open: the distances to both limits. Touching or let go: the penetration, and the factor of the force.
+  !> Of a rigid one that is closed: the force.
   pure subroutine stop_roots(self, p, with, watched)
     class(stop_model), intent(in) :: self
     type(marker_states), intent(in) :: p
@@ -369,6 +399,11 @@ contains
     if (with%state == stop_open) then
       call self%measure(p, x, xd, g)
       call self%opening_root(x, xd, watched)
+    else if (self%rigid) then
+      if (abs(with%state) == stop_touching) watched%g(1) = self%pressing(with)
+      watched%rate(1) = huge(1.0_wp)
+      watched%zero(1) = 0.0_wp
+      return
     else
       call self%contact(p, with, c)
       watched%g(1) = c%depth
@@ -452,6 +487,7 @@ contains
     call self%roots(p, unknown, watched)
     state = stop_open
     memory = 0.0_wp
+    if (self%rigid) return                 ! `impacts` closes it
     if (minval(watched%g) > watched%zero(1)) return
     state = merge(1, -1, watched%g(1) <= watched%g(2))*stop_touching
     unknown%state = state
@@ -462,6 +498,16 @@ contains
       memory = max(c%rate, self%slowest())
     end if
   end subroutine stop_start
+
+  !> With what a rigid stop pushes, by the multiplier of its row.
+  pure real(wp) function pressing(self, with) result(force)   ! [N] or [N m]
+    class(stop_model), intent(in) :: self
+    type(conditions), intent(in) :: with
+    force = 0.0_wp
+    if (abs(with%state) /= stop_touching) return
+    force = sign(1, with%state)*with%multiplier
+    if (self%angular) force = self%size*force
+  end function pressing
 
   !> F of a stop that touches.
   pure real(wp) function stop_force(self, with, depth, rate) result(force)   ! [N] or [N m]
@@ -487,7 +533,8 @@ contains
     character(:), allocatable :: word
     word = 'upper'
     if (state < 0) word = 'lower'
-    if (abs(state) == stop_let_go) word = word//'_free'
+    if (abs(state) == stop_let_go) word = word//trim(merge('_idle', '_free', self%rigid))
+    if (abs(state) == stop_rebound) word = word//'_rebound'
     if (state == stop_open) word = 'open'
   end function stop_word
 
@@ -580,7 +627,7 @@ contains
     real(wp) :: x, xd, g(6)
     call self%measure(p, x, xd, g)
     g = [-g(2), g(1), 0.0_wp, g(2), -g(1), 0.0_wp]
-    h = outer(g, g)/max(x, tiny(1.0_wp))
+    h = outer(g, g)/max(x, 0.5_wp*self%upper)   ! where it touches
   end subroutine circle_curvature
 
   !> Its direction turns with the pin.

@@ -4,7 +4,7 @@ module stop_sensor
   use evaluation_results, only: conditions_of
   use force_element, only: conditions
   use sensor, only: observation, sensor_model, harmonic_motion, scene_motion
-  use stops, only: stop_contact, stop_model
+  use stops, only: stop_contact, stop_model, stop_touching
   implicit none (type, external)
   private
 
@@ -24,10 +24,13 @@ contains
     type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! [N], [m], [-] or [N m], [rad], [-]
     type(stop_contact) :: c
+    type(conditions) :: with
     select type (f => at%m%s%forces(self%element)%item)
     class is (stop_model)
-      call f%contact(at%ev%p, conditions_of(at%m, at%ev, self%element), c)
+      with = conditions_of(at%m, at%ev, self%element)
+      call f%contact(at%ev%p, with, c)
       x(1) = at%ev%action(self%element)%force
+      if (f%rigid .and. abs(c%state) == stop_touching) x(1) = f%pressing(with)
       x(2) = -c%depth
       x(3) = c%state
     end select

@@ -41,8 +41,8 @@ contains
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer :: k
-    do k = 1, size(self%s%switching_rows)
-      associate (c => self%s%constraints(self%s%switching_rows(k))%item, x => ev%switches)
+    do k = self%s%permanent + 1, size(self%s%constraints)
+      associate (c => self%s%constraints(k)%item, x => ev%switches)
         associate (i => c%first)
           ev%rows%off(i) = .not. c%holds(x%state(c%switch_number))
           ev%rows%phi(i) = merge(0.0_wp, ev%rows%phi(i) - x%memory(c%switch_number), ev%rows%off(i))

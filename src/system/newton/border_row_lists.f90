@@ -53,7 +53,7 @@ contains
     call r%add_constraints(m%s)
     r%nc = m%s%rows
     r%n = m%s%rows
-    r%switched = [(m%s%constraints(m%s%switching_rows(k))%item%first, k=1, size(m%s%switching_rows))]
+    r%switched = [(m%s%constraints(k)%item%first, k=m%s%permanent + 1, size(m%s%constraints))]
     call list_laws(r, m, states)
     call r%sort(size(m%s%bodies))
     allocate (r%rate_row(r%n), source=.false.)

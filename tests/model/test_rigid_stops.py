@@ -1,0 +1,270 @@
+"""Rigid stops: impacts, chatter that ends, closed stops, several at once; closed forms, an independent hybrid program."""
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from scipy.integrate import solve_ivp
+
+BALL = """&scene gravity=0.0,-9.81 /
+&body name='ball' mass=2.0 inertia=1.0 position=0.0,1.0 /
+&stop name='floor' type='position' body_a='ball' direction={{pi/2}} lower=0.0 restitution={e} /
+&sensor name='y' quantity='position' body='ball' /
+&sensor name='floor' quantity='stop' stop='floor' /
+&transient t_end=3.0 method={method} output_step=0.05 /
+"""
+
+
+def events_of(run):
+    """Return (time, stop, from, to, speed) of each line of events.txt."""
+    lines = (run.folder / "events.txt").read_text(encoding="utf-8").splitlines()
+    words = [line.split() for line in lines if not line.startswith("#")]
+    return [(float(t), stop, before, after, float(speed)) for t, stop, before, after, speed in words]
+
+
+METHODS = ["'rk4' step=0.01", "'dopri5' tolerance=1e-10", "'radau' tolerance=1e-10", "'generalized_alpha' step=0.0005"]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_ball_bounces_until_it_lies(run_deck, method):
+    """Flights of 2 v/g between speeds e v; the last of endlessly many at t0 (1+e)/(1-e), and then the weight rests on the floor."""
+    e, first = 0.7, np.sqrt(2 / 9.81)
+    run = run_deck(BALL.format(e=e, method=method))
+    *impacts, end = events_of(run)
+    speeds = 9.81 * first * e ** np.arange(len(impacts))
+    times = first + 2 * first * np.cumsum(np.r_[0, e ** np.arange(1, len(impacts))])
+    near = 1e-6 if "alpha" in method else 1e-9
+    assert len(impacts) > 30
+    assert np.abs(np.array([t for t, *_ in impacts]) - times).max() < near
+    assert np.abs(np.array([speed for *_, speed in impacts]) - speeds).max() < 10 * near
+    assert {(before, after) for _, _, before, after, _ in impacts} == {("open", "lower_rebound")}
+    assert end[2:4] == ("open", "lower")
+    assert end[0] == pytest.approx(2.558633965586, abs=near)
+    h = run.history
+    lies = h["t"] > 2.57
+    assert h["floor.f"][lies] == pytest.approx(2 * 9.81, rel=1e-12)
+    assert np.abs(h["y.y"][lies]).max() < 1e-13
+    assert h["y.y"].min() > -1e-13
+    assert run.transient["stops"][0]["lost"] == pytest.approx(2 * 9.81, rel=1e-9 if near < 1e-8 else 1e-6)
+    assert run.energy["residual"] == pytest.approx(0.0, abs=1e-6 if near > 1e-8 else 1e-8)
+
+
+def test_an_impact_oscillator_has_the_orbit_of_its_closed_form(run_deck):
+    """Of x'' + w2 x = f cos(W t) with a stop at x = g there is an orbit of one impact a period, started just after one."""
+    w, big, f, g, e = 10.0, 15.0, 30.0, 0.05, 0.8
+    period, p = 2 * np.pi / big, f / (w**2 - big**2)
+    # v: speed at impact; D = -(1+e) v/(2w), P sin = -(1-e) v/(2W), P cos = g + (1+e) v cot(wT/2)/(2w)
+    s, c = -(1 - e) / (2 * big), (1 + e) / np.tan(w * period / 2) / (2 * w)
+    v = np.roots([s**2 + c**2, 2 * g * c, g**2 - p**2]).max()
+    phase = np.arctan2(s * v / p, (g + c * v) / p)
+    run = run_deck(f"""&body name='m' mass=1.0 inertia=1.0 position={g},0.0 velocity={-e * v:.17g},0.0 /
+&joint name='rail' type='prismatic' body_a='m' /
+&spring name='k' type='linear' body_a='m' point_b=-1.0,0.0 stiffness={w**2} free_length=1.0 /
+&history name='h' kind='sine' amplitude={f} frequency={big / (2 * np.pi):.17g} phase={phase + np.pi / 2:.17g} /
+&force name='f' body='m' fx=1.0 history='h' /
+&stop name='s' type='position' body_a='m' upper={g} restitution={e} /
+&sensor name='x' quantity='position' body='m' /
+&transient t_end={5.5 * period:.17g} method='dopri5' tolerance=1e-12 output_step=0.1 /
+""")
+    impacts = events_of(run)
+    assert [words[3] for words in impacts] == 5 * ["upper_rebound"]
+    assert np.abs(np.array([words[0] for words in impacts]) - period * np.arange(1, 6)).max() < 1e-9
+    assert np.abs(np.array([words[4] for words in impacts]) - v).max() < 1e-8
+
+
+class Linkage:
+    """The two links of input/bouncing_linkage.nml by their angles: DOP853 between impacts, impulses by the 2 x 2 mass matrix."""
+
+    m1, i1, l1, c1, m2, i2, l2, c2 = 1.2, 0.03, 0.5, 0.25, 0.8, 0.015, 0.4, 0.2
+    restitution = (0.6, 0.5)
+
+    def mass(self, q):
+        """Return the matrix."""
+        x = self.m2 * self.l1 * self.c2 * np.cos(q[0] - q[1])
+        return np.array([[self.i1 + self.m1 * self.c1**2 + self.m2 * self.l1**2, x], [x, self.i2 + self.m2 * self.c2**2]])
+
+    def force(self, q, v):
+        """Return what acts beside the stops."""
+        s = self.m2 * self.l1 * self.c2 * np.sin(q[0] - q[1])
+        weight = 9.81 * np.array([(self.m1 * self.c1 + self.m2 * self.l1) * np.cos(q[0]), self.m2 * self.c2 * np.cos(q[1])])
+        return np.array([-s * v[1] ** 2 - 4.0 * (q[0] - 0.5) - 0.15 * v[0], s * v[0] ** 2]) - weight
+
+    def gaps(self, q):
+        """Return the distances to the floor and to the limit of the elbow."""
+        return np.array([self.l1 * np.sin(q[0]) + self.l2 * np.sin(q[1]) + 0.45, q[1] - q[0] - 0.1])
+
+    def gradient(self, q):
+        """Return their derivatives."""
+        return np.array([[self.l1 * np.cos(q[0]), self.l2 * np.cos(q[1])], [-1.0, 1.0]])
+
+    def bias(self, q, v):
+        """Return their accelerations by the velocities."""
+        return np.array([-self.l1 * np.sin(q[0]) * v[0] ** 2 - self.l2 * np.sin(q[1]) * v[1] ** 2, 0.0])
+
+    def accelerations(self, q, v, closed):
+        """Return those and the forces of the closed stops."""
+        m, j = self.mass(q), self.gradient(q)[closed]
+        a = np.linalg.solve(m, self.force(q, v))
+        if not closed:
+            return a, np.zeros(0)
+        push = np.linalg.solve(j @ np.linalg.solve(m, j.T), -(j @ a + self.bias(q, v)[closed]))
+        return a + np.linalg.solve(m, j.T @ push), push
+
+    def run(self, q, v, end, rows):
+        """Return the events and the states at rows."""
+        t, closed, events, states = 0.0, [], [], []
+        while True:
+
+            def slope(_, y, closed=tuple(closed)):
+                return np.r_[y[2:], self.accelerations(y[:2], y[2:], list(closed))[0]]
+
+            def root(k, closed=tuple(closed)):
+                def value(_, y):
+                    if k in closed:
+                        return self.accelerations(y[:2], y[2:], list(closed))[1][closed.index(k)]
+                    return self.gaps(y[:2])[k]
+
+                value.terminal, value.direction = True, -1
+                return value
+
+            roots = [root(0), root(1)]
+            options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14, "max_step": 0.02, "first_step": 1e-7}
+            found = solve_ivp(slope, (t, end), np.r_[q, v], events=roots, dense_output=True, **options)
+            states += [np.r_[r, found.sol(r)] for r in rows if t <= r < found.t[-1]]
+            t, q, v = found.t[-1], found.y[:2, -1], found.y[2:, -1]
+            if found.status != 1:
+                return events, np.array(states)
+            k = [len(times) > 0 for times in found.t_events].index(True)
+            if k in closed:
+                closed.remove(k)
+                events.append((t, k, "open"))
+                continue
+            events.append((t, k, "rebound"))
+            m, j = self.mass(q), self.gradient(q)
+            held = [k, *closed]
+            while True:
+                w = j[held] @ np.linalg.solve(m, j[held].T)
+                impulse = np.linalg.solve(w, np.r_[-(1 + self.restitution[k]) * (j @ v)[k], np.zeros(len(held) - 1)])
+                if impulse.min() >= 0.0:
+                    break
+                closed = []
+                events.append((t, held.pop(), "open"))
+            v = v + np.linalg.solve(m, j[held].T @ impulse)
+            u, a = (j @ v)[k], (j @ self.accelerations(q, v, closed)[0] + self.bias(q, v))[k]
+            if a < 0 and u**2 < -2 * a * 1e-11 * (0.5, 1.0)[k]:
+                closed = [*closed, k]
+                events.append((t - 2 * u / a / (1 - self.restitution[k]), k, "closed"))
+                j = j[closed]
+                v = v - np.linalg.solve(m, j.T @ np.linalg.solve(j @ np.linalg.solve(m, j.T), j @ v))
+
+
+@pytest.mark.parametrize("method", ["'dopri5' tolerance=1.0e-10", "'radau' tolerance=1.0e-10"])
+def test_a_bouncing_linkage_against_an_independent_program(run_deck, method):
+    """Impacts, chatter, sliding on the floor, a release by the impact of another stop: 150 events in 3 s."""
+    deck = (ROOT / "input" / "bouncing_linkage.nml").read_text(encoding="utf-8").replace("'dopri5' tolerance=1.0e-10", method)
+    run = run_deck(deck)
+    h = run.history
+    events, states = Linkage().run(np.array([0.2, 0.9]), np.zeros(2), 3.0, h["t"])
+    found = [(t, ["floor", "ligament"].index(stop), word) for t, stop, _, word, _ in events_of(run)]
+    names = {"lower_rebound": "rebound", "lower": "closed", "open": "open"}
+    assert [(k, names[word]) for _, k, word in found] == [(k, word) for _, k, word in events]
+    assert len(found) > 100
+    assert np.abs(np.array([t for t, *_ in found]) - [t for t, *_ in events]).max() < 1e-9
+    away = np.array([min(abs(t - event) for event, *_ in events) > 1e-8 for t in states[:, 0]])
+    for k, name in enumerate(("upper", "fore")):
+        assert np.abs(h[name][: len(states)] - states[:, 1 + k])[away].max() < 2e-9
+    assert np.abs(h["rates"][: len(states)] - states[:, 4])[away].max() < 1e-7
+    assert np.abs(run.energy["residual"]).max() < 1e-8
+    assert h["tip.y"].min() > -0.45 - 1e-13
+
+
+@pytest.mark.parametrize("supports", [(-1.0, 0.5), (-0.8, 0.0, 0.8), (-1.0, 0.2, 0.7)])
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_a_bar_that_falls_flat_onto_several_supports(run_deck, supports, e):
+    """All are met at once. A body over two outer ones does not turn: it rebounds flat, and is left with e times its speed."""
+    stops = "".join(
+        f"&stop name='s{k}' type='position' body_a='bar' point_a={x},0.0 direction={{pi/2}} lower=0.0 restitution={e} /\n"
+        f"&sensor name='s{k}' quantity='stop' stop='s{k}' /\n"
+        for k, x in enumerate(supports)
+    )
+    run = run_deck(f"""&scene gravity=0.0,-10.0 /
+&body name='bar' mass=3.0 inertia=0.5 position=0.0,0.8 /
+{stops}&sensor name='v' quantity='velocity' body='bar' /
+&sensor name='w' quantity='angular_velocity' body='bar' /
+&transient t_end=0.45 method='dopri5' tolerance=1e-10 output_step=0.05 /
+""")
+    h = run.history
+    assert h["v.y"][-1] == pytest.approx(4 * e - 0.5 if e else 0.0, abs=1e-9)
+    assert np.abs(h["w"]).max() < 1e-12
+    struck = [words for words in events_of(run) if words[2] == "open"]
+    assert [(words[0], words[4]) for words in struck] == [pytest.approx((0.4, 4.0), rel=1e-12)] * len(supports)
+    assert sum(stop["lost"] for stop in run.transient["stops"]) == pytest.approx(1.5 * 16 * (1 - e**2), rel=1e-11, abs=1e-11)
+    if not e:
+        carried = [h[f"s{k}.f"][-1] for k in range(len(supports))]
+        assert min(carried) >= 0.0
+        assert sum(carried) == pytest.approx(30.0)
+        assert np.dot(carried, supports) == pytest.approx(0.0, abs=1e-12)
+        assert all(h[f"s{k}.gap"][-1] == pytest.approx(0.0, abs=1e-13) for k in range(len(supports)))
+
+
+RESTING = """&scene gravity=0.0,-10.0 /
+&body name='a' mass=2.0 inertia=0.1 com=0.5,0.0 /
+&body name='b' mass=1.0 inertia=0.02 com=0.3,0.0 position=1.0,0.0 angle={-pi/2} /
+&joint name='p' type='revolute' body_a='a' /
+&joint name='q' type='revolute' body_a='b' body_b='a' point_b=1.0,0.0 /
+&spring name='s' type='torsional' body_a='a' stiffness=5.0 free_angle=0.1 /
+&spring name='t' type='torsional' body_a='b' stiffness=1.0 free_angle={-pi/2} /
+&stop name='low' type='rotation' body_a='a' lower=-0.1 upper=0.3 restitution=0.5 /
+&sensor name='low' quantity='stop' stop='low' /
+&force name='f' type='torque' body='b' moment=1.0 /
+"""
+
+
+def test_a_stop_is_closed_in_statics_modes_and_responses(run_deck):
+    """The arm lies on its limit with the moment of its weight less that of the spring; what hangs from it swings alone."""
+    deck = RESTING.replace("moment=1.0", "moment=1.0 stage='transient' history='none'")
+    deck += "&history name='none' kind='polynomial' coefficients=0.0 /\n&static /\n&modal modes=1 /\n"
+    deck += "&frequency_response from=1.0 to=2.0 points=2 input='f' /\n"
+    run = run_deck(deck + "&transient t_end=0.1 method='rk4' step=0.01 /\n")
+    moment = (2 * 10 * 0.5 + 10 * 1.0) * np.cos(0.1) - 5 * 0.2
+    assert run.history["low.f"] == pytest.approx(moment, rel=1e-12)
+    assert run.summary.count('rigid stops that are closed: "low"') == 2
+    table = np.loadtxt(run.folder / "modes.txt", ndmin=2)
+    assert table[0, 3] == pytest.approx(np.sqrt((1 + 10 * 0.3) / (0.02 + 0.3**2)) / (2 * np.pi), rel=1e-12)
+
+
+def test_what_no_rigid_stop_can_hold_is_told(run_deck):
+    arm = "&body name='a' mass=2.0 inertia=0.1 com=0.5,0.0 angle={} /\n&joint name='p' type='revolute' body_a='a' /\n"
+    arm += "&stop name='wall' type='rotation' body_a='a' upper=0.3 restitution=0.5 /\n"
+    arm += "&sensor name='a' quantity='angle' body='a' /\n"
+    drive = "&history name='h' kind='polynomial' coefficients=0.0,1.0 /\n&drive name='m' type='rotation' body_a='a' history='h' /\n"
+    transient = "&transient t_end=1.0 method='dopri5' tolerance=1e-8 /\n"
+    said = run_deck(arm.format(0) + drive + transient, expect=1).stderr
+    assert 'stop "wall" is rigid, and what presses on it at t = 3.000000E-01 s cannot give way: it is moved by drive "m"' in said
+    said = run_deck(arm.format(0.5) + transient, expect=2).stderr
+    assert 'stop "wall": it is rigid, and it begins beyond its limit: it measures 0.5 rad, allowed is up to 0.3' in said
+
+
+ARM = """&scene gravity=0.0,-9.81 /
+&body name='arm' mass=1.6 inertia=0.05 position=0.35,0.0 angular_velocity=4.0 /
+&joint name='p' type='revolute' body_a='arm' point_a=-0.35,0.0 point_b=0.0,0.0 /
+&stop name='low' type='rotation' body_a='arm' lower=-0.5 upper=0.3 restitution=0.9 /
+&spring name='s' type='torsional' body_a='arm' stiffness=20.0 free_angle=0.0 /
+&sensor name='a' quantity='position' body='arm' point=0.2,0.0 /
+&sensor name='v' quantity='velocity' body='arm' point=0.2,0.0 /
+&sensor name='acc' quantity='acceleration' body='arm' point=0.2,0.0 /
+&sensor name='pin' quantity='reaction' joint='p' /
+&transient t_end=2.0 method={} output_step=0.05 accept_unstable=.true. /
+"""
+
+
+@pytest.mark.parametrize(
+    ("method", "order", "step"), [("rk4", 4, 5e-3), ("dopri5", 5, 1e-2), ("radau", 5, 1e-2), ("generalized_alpha", 2, 2.5e-3)]
+)
+def test_methods_keep_their_order_across_impacts(method, order, step, run_deck):
+    runs = [run_deck(ARM.format(f"'{method}' step={step / k}"), name=f"h{k}") for k in (1, 2, 4)]
+    assert len({tuple(words[1:4] for words in events_of(run)) for run in runs}) == 1
+    assert len(events_of(runs[0])) > 3
+    coarse, fine = ({x: np.abs(a.history[x] - b.history[x]).max() for x in a.history.names[1:]} for a, b in zip(runs, runs[1:]))
+    for column, error in fine.items():
+        if error > 0.0:
+            assert order - 0.3 < np.log2(coarse[column] / error) < order + 0.8, column
