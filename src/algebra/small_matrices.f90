@@ -3,7 +3,7 @@ module small_matrices
   use kinds, only: wp, number
   implicit none (type, external)
   private
-  public :: outer, invert3
+  public :: outer, invert3, solve_small
 
 contains
 
@@ -54,4 +54,31 @@ contains
     end do
     inverse = transpose(w)
   end subroutine invert3
+
+  !> Solves a x = b by Gauss elimination with row exchanges; pivots that vanish become rounding.
+  pure subroutine solve_small(a, b)
+    complex(wp), intent(inout) :: a(:, :)   !! overwritten [any]
+    complex(wp), intent(inout) :: b(:)      !! right-hand side, then solution [any]
+    complex(wp) :: row(size(b)), x, factor
+    integer :: i, j, k
+    do k = 1, size(b)
+      i = k - 1 + maxloc(abs(a(k:, k)), 1)
+      row = a(k, :)
+      a(k, :) = a(i, :)
+      a(i, :) = row
+      x = b(k)
+      b(k) = b(i)
+      b(i) = x
+      if (.not. abs(a(k, k)) > 0.0_wp) a(k, k) = epsilon(1.0_wp)*max(1.0_wp, maxval(abs(a)))
+      do j = 1, size(b)
+        if (j == k) cycle
+        factor = a(j, k)/a(k, k)
+        a(j, :) = a(j, :) - factor*a(k, :)
+        b(j) = b(j) - factor*b(k)
+      end do
+    end do
+    do k = 1, size(b)
+      b(k) = b(k)/a(k, k)
+    end do
+  end subroutine solve_small
 end module small_matrices

@@ -6,6 +6,7 @@ module modal_analysis
   use errors, only: failure, status_failed
   use held_friction, only: set_friction, tell_friction
   use interruption, only: stop_if_signalled
+  use loop_analysis, only: run_loops
   use linear_state, only: linear_system, refuse_uneven, at_equilibrium
   use mode_file, only: write_modes, mode_figures
   use material_band, only: outside_band
@@ -49,6 +50,7 @@ contains
     call modal_lines(run, modes, ds, text)
     call add_warnings(text, run%d%path, outside_band(run, 'damped modes', frequencies(modes)))
     call report_missing(run, modes, text, fail)
+    call run_loops(run, ds, text, fail)
   end subroutine run_modal
 
   !> Frequencies of the damped modes that oscillate [Hz].

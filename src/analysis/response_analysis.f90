@@ -2,6 +2,7 @@
 !> factorisation a frequency, into frequency_response.txt.
 module response_analysis
   use kinds, only: wp, pi
+  use closed_loops, only: loop_system
   use column_names, only: suffixed
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
@@ -30,6 +31,7 @@ contains
     type(summary_record), intent(inout) :: text   !! the summary
     type(failure), intent(inout) :: fail
     type(stiffness_system) :: ds
+    type(loop_system) :: loops
     type(result_file) :: file
     complex(wp), allocatable :: values(:)
     real(wp), allocatable :: now(:)
@@ -41,6 +43,7 @@ contains
     call refuse_uneven(run, 'frequency response', status_failed, fail)
     if (fail%happened()) return
     nq = run%sys%m%s%nq
+    call loops%build(run%sys%m, run%sys%ev, run%y(nq + 1:2*nq))
     allocate (values(run%list%columns), now(run%list%columns))
     associate (r => run%d%response, y => run%y)
       if (r%drive > 0) call check_drive(run, ds, fail)
@@ -52,7 +55,7 @@ contains
         call stop_if_signalled('frequency response', fail)
         if (fail%happened()) exit
         f = frequency(run, k)
-        call respond(run, ds, cmplx(0.0_wp, 2*pi*f, wp), values, exists)
+        call respond(run, ds, loops, cmplx(0.0_wp, 2*pi*f, wp), values, exists)
         if (.not. (exists .and. all(abs(values) <= huge(1.0_wp)))) then
           call fail%raise(status_failed, 'the frequency response is singular at '//to_text(f)//' Hz: an undamped mode '// &
                           'or a free motion lies there; expected damping or other frequencies')
@@ -110,9 +113,10 @@ contains
   end function frequency
 
   !> Amplitudes of all sensors at one s.
-  subroutine respond(run, ds, s, values, exists)
+  subroutine respond(run, ds, loops, s, values, exists)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(inout) :: ds
+    type(loop_system), intent(in) :: loops
     complex(wp), intent(in) :: s                       !! [1/s]
     complex(wp), intent(out) :: values(:)              !! (columns) [unit of each column]
     logical, intent(out) :: exists                     !! there is a finite response
@@ -129,6 +133,7 @@ contains
     call ds%set(s, 1.0_wp)
     call ds%factor()
     call ds%solve(x, exists=exists)
+    call loops%close(ds, s, x)
     lambda = 0.0_wp
     lambda(ds%active) = x(ds%n + 1:)
     if (size(ds%active) < size(lambda)) call share_reactions(run, lambda)

@@ -11,7 +11,7 @@ module reduced_system
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: reduced_model, reduced_poles
+  public :: reduced_model, reduced_poles, first_order
 
   integer, parameter :: largest = 400                  !! unknowns of first order beyond which a part is cut at weak couplings
   real(wp), parameter :: uncoupled = 1.0e-8_wp         !! coupling that is rounding [-]

@@ -167,3 +167,91 @@ def test_a_sampled_controller_changes_at_its_samples_alone(run_deck, method):
         assert found["a"][k] == pytest.approx(x[0], abs=1e-8 if method != "generalized_alpha" else 2e-4)
         rest = np.array([2.0 * held / K, 0.0])
         x = rest + np.real(vectors @ (np.exp(0.01 * values) * np.linalg.solve(vectors, x - rest)))
+
+
+def chain(seed):
+    """Return a chain of discs whose loop joins two of them, its matrices, and the state space of the loop opened at the force."""
+    dice = np.random.default_rng(seed)
+    n, inertia, stiffness, damping = 4, *((10 ** dice.uniform(-1, 1, 4)).tolist() for _ in range(3))
+    text, k, c = "", np.zeros((4, 4)), np.zeros((4, 4))
+    for i in range(n):
+        text += f"&body name='b{i}' kind='rigid' mass=1.0 inertia={inertia[i]!r} /\n"
+        text += f"&joint name='j{i}' type='revolute' body_a='b{i}' /\n"
+        text += f"&spring name='k{i}' type='torsional' body_a='b{i}' " + (f"body_b='b{i - 1}' " if i else "")
+        text += f"stiffness={10 * stiffness[i]!r} damping={0.02 * damping[i]!r} free_angle=0.0 /\n"
+        side = np.eye(n)[i] - (np.eye(n)[i - 1] if i else 0.0)
+        k, c = k + 10 * stiffness[i] * np.outer(side, side), c + 0.02 * damping[i] * np.outer(side, side)
+    seen, acts = dice.integers(n), dice.integers(n)
+    law = {
+        "kp": dice.uniform(-1, 1),
+        "ki": dice.uniform(-1, 1),
+        "kd": dice.uniform(-0.2, 0.2),
+        "filter": 0.01 + 0.1 * dice.random(),
+    }
+    law |= {"delay": 0.02 + 0.1 * dice.random()} if dice.random() < 0.5 else {}
+    rate = dice.random() < 0.3
+    law["argument"] = "v" if rate else "a"
+    text += f"&sensor name='a' quantity='angle' body='b{seen}' /\n&sensor name='v' quantity='angular_velocity' body='b{seen}' /\n"
+    text += f"&force name='m' type='torque' body='b{acts}' moment=2.0 controller='pid' /\n"
+    pid = Pid(**law)
+    states = 2 * n + 5
+
+    def motion(y):
+        r = reference(0.0)[0]  # a constant reference: differences from the rest are the linear system
+        out, _, rates = pid.law(0.0, y[seen], y[n + seen], y[2 * n :])
+        accelerations = (-k @ y[:n] - c @ y[n : 2 * n] + 2.0 * np.eye(n)[acts] * out) / np.array(inertia)
+        assert r
+        return np.concatenate([y[n : 2 * n], accelerations, rates])
+
+    a = np.array([motion(row) for row in np.eye(states)]) - motion(np.zeros(states))
+    kept = [*range(2 * n + 2), *(range(2 * n + 2, states) if pid.delay else [])]
+    return text, law, a.T[np.ix_(kept, kept)]
+
+
+STILL = "&history name='r' kind='polynomial' coefficients=0.0 /\n"
+
+
+def poles_of(run):
+    """Return the rows of poles.txt as complex numbers."""
+    rows = np.atleast_2d(np.loadtxt(run.folder / "poles.txt"))
+    return rows[:, 2] + 1j * rows[:, 3]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_poles_of_loops_are_all_found(run_deck, seed):
+    """Loops that sense one disc and act on another, with filters and delays: every pole within 1e-9 of a dense eigenvalue."""
+    text, law, a = chain(seed)
+    run = run_deck(text + STILL + group(**law) + "&modal modes=2 /\n")
+    expected = np.linalg.eigvals(a)
+    expected = expected[expected.imag >= 0.0]
+    found = poles_of(run)
+    assert len(found) == len(expected)
+    for pole in expected:
+        assert np.abs(found - pole).min() < 1e-9 * abs(pole) + 1e-12 * np.abs(expected).max()
+    assert run.figures["closed_loops"]["growing"] == (expected.real > 1e-9).sum()
+
+
+def test_a_loop_grows_beyond_its_critical_gain(run_deck):
+    """The gain margin multiplies all gains to where a pole stands on the axis, within 1e-6; a transient agrees on both sides."""
+    text, law, _ = chain(3)
+    law = {"argument": "a", "kp": 0.02, "ki": 0.005, "kd": 0.01, "filter": 0.02, "delay": 0.05}
+
+    def loop(factor):
+        return group(**{**law, **{name: factor * law[name] for name in ("kp", "ki", "kd")}})
+
+    run = run_deck(text + STILL + loop(1.0) + "&modal modes=2 /\n")
+    assert run.figures["closed_loops"]["growing"] == 0
+    critical = run.figures["closed_loops"]["margins"][0]["gain_margin"]
+    growth = {}
+    for factor in (1 - 1e-6, 1 + 1e-6):
+        poles = poles_of(run_deck(text + STILL + loop(factor * critical) + "&modal modes=2 /\n", name="modes"))
+        growth[factor] = poles.real.max()
+    assert growth[1 - 1e-6] * growth[1 + 1e-6] < 0.0
+    push = "&history name='p' kind='pulse' value=1.0 start=0.0 finish=0.1 /\n"
+    push += "&force name='p' type='torque' body='b0' moment=1.0 history='p' /\n"
+    push += "&transient t_end=60.0 method='dopri5' tolerance=1e-6 /\n"
+    for factor in (0.25, 4.0):
+        h = run_deck(text + STILL + push + loop(factor * critical), name="run").history
+        early, late = (np.ptp(h["a"][(h.time > start) & (h.time < start + 15.0)]) for start in (15.0, 45.0))
+        assert (late > 1.1 * early) == (factor > 1.0)
+        assert (late < 0.9 * early) == (factor < 1.0)

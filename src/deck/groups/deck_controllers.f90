@@ -57,8 +57,6 @@ contains
           if (is_rate(d%sensors(r%argument%sensor)%quantity, r%argument%suffix)) call r%at%blame(deck%faults, 'kd of a rate '// &
             'needs accelerations, which follow from the forces themselves, expected filter > 0 (s), or the position as argument')
         end if
-        if (.not. r%sample > 0.0_wp .and. (d%modal%present .or. d%response%present)) call r%at%blame(deck%faults, &
-          'closed loops have no &modal and &frequency_response yet, expected a deck without these')
         if (r%sample > 0.0_wp .and. (d%modal%present .or. d%response%present)) call r%at%blame(deck%faults, 'sample holds the '// &
           'output, and what is held has no poles; expected no sample in a deck with &modal or &frequency_response, or '// &
           'delay=sample/2 in its place')

@@ -1,4 +1,4 @@
-!> Controllers: PID of a sensed quantity against a history (theory.md, section 12). A controller is linear in each of its states,
+!> Controllers: PID of a sensed quantity against a history (theory.md, section 14). A controller is linear in each of its states,
 !> free or at a limit: with w its own states x, the sensed y and y', the reference r and r', and 1,
 !>
 !>   x' = rates w      wish = kp e + i + kd e'      output = wish, or the limit
@@ -9,6 +9,7 @@ module controller
   use history, only: breakpoint, history_model
   use marker, only: marker_states
   use quantity, only: quantity_model
+  use small_matrices, only: solve_small
   implicit none (type, external)
   private
   public :: delay_limit
@@ -284,35 +285,19 @@ contains
     end associate
   end function response
 
-  !> Solves (c - A) y = x of its states: Gauss elimination with row exchanges, of 6 unknowns at most.
+  !> Solves (c - A) y = x of its states, 6 at most.
   pure subroutine solve(self, side, c, x)
     class(controller_model), intent(in) :: self
     integer, intent(in) :: side
     complex(wp), intent(in) :: c              !! [1/s]
     complex(wp), intent(inout) :: x(:)        !! (states) [any], then [any s]
-    complex(wp) :: a(self%states, self%states + 1), row(self%states + 1), factor
-    integer :: n, i, j, k
-    n = self%states
-    a(:, 1:n) = -self%rates(:, 1:n, side)
-    a(:, n + 1) = x
-    do k = 1, n
+    complex(wp) :: a(self%states, self%states)
+    integer :: k
+    a = -self%rates(:, 1:self%states, side)
+    do k = 1, self%states
       a(k, k) = a(k, k) + c
     end do
-    do k = 1, n
-      i = k - 1 + maxloc(abs(a(k:, k)), 1)
-      row = a(k, :)
-      a(k, :) = a(i, :)
-      a(i, :) = row
-      if (.not. abs(a(k, k)) > 0.0_wp) a(k, k) = epsilon(1.0_wp)*max(1.0_wp, abs(c))
-      do j = 1, n
-        if (j == k) cycle
-        factor = a(j, k)/a(k, k)
-        a(j, :) = a(j, :) - factor*a(k, :)
-      end do
-    end do
-    do k = 1, n
-      x(k) = a(k, n + 1)/a(k, k)
-    end do
+    call solve_small(a, x)
   end subroutine solve
 
   !> What a delay makes of a vibration, by its approximation [-].

@@ -22,7 +22,7 @@ module linearisation
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: linearise, marker_jacobian
+  public :: linearise, marker_jacobian, rate_jacobian
 
 contains
 

@@ -1,0 +1,176 @@
+!> Closed loops of a modal analysis: all poles into poles.txt, whether they grow, and the margins of each loop when it is opened.
+module loop_analysis
+  use kinds, only: wp, pi
+  use closed_loops, only: loop_system, most_states
+  use dynamic_stiffness, only: stiffness_system
+  use errors, only: failure, status_failed
+  use interruption, only: stop_if_signalled
+  use posix, only: remove_file
+  use scene_run, only: run_state, no_output, warn
+  use summary_text, only: summary_record
+  use text, only: to_text
+  use text_file, only: result_file
+  implicit none (type, external)
+  private
+  public :: run_loops
+
+  integer, parameter :: per_decade = 40                !! frequencies at which margins are looked for
+  real(wp), parameter :: negligible = 1.0e-9_wp        !! modulus of a pole that is a rigid motion's, over the largest [-]
+  real(wp), parameter :: growing = 1.0e-10_wp          !! real part that is no rounding, over the modulus [-]
+
+contains
+
+  !> Poles and margins.
+  subroutine run_loops(run, ds, text, fail)
+    type(run_state), intent(inout) :: run
+    type(stiffness_system), intent(inout) :: ds
+    type(summary_record), intent(inout) :: text
+    type(failure), intent(inout) :: fail
+    type(loop_system) :: loops
+    type(result_file) :: file
+    complex(wp), allocatable :: lambda(:)
+    integer :: states, k, grow
+    logical :: ok
+    call remove_file(run%folder//'/poles.txt')
+    if (size(run%sys%m%s%controllers) == 0 .or. fail%happened()) return
+    associate (nq => run%sys%m%s%nq)
+      call loops%build(run%sys%m, run%sys%ev, run%y(nq + 1:2*nq))
+    end associate
+    call loops%poles(ds, lambda, states, ok)
+    if (.not. ok) call fail%raise(status_failed, 'the poles of the closed loops cannot be computed: the '// &
+                                 'eigenvalues do not converge')
+    if (fail%happened()) return
+    call text%line('')
+    call text%line('closed loops')
+    call text%open('closed_loops', '{')
+    call text%figure('  states: ', 'states', states)
+    if (states > most_states) then
+      call text%line(', more than '//to_text(most_states)//': stability not decided')
+      call text%close()
+      call warn(run, 'stability not decided: '//to_text(states)//' states, all poles are computed of up to '// &
+                to_text(most_states)//'; expected fewer coordinates (modes=, fewer elements)', text)
+      return
+    end if
+    grow = count(lambda%re > growing*abs(lambda) .and. abs(lambda) > negligible*maxval(abs(lambda)))
+    call text%figure(', all poles computed; growing: ', 'growing', grow)
+    call text%line('')
+    call file%open(run%folder//'/poles.txt')
+    call file%head('poles of the closed loops about the present state', run%d%name, run%sys%m%s%title)
+    call file%line('# all of them, one of each conjugate pair')
+    call file%line('# columns: frequency[Hz] damping_ratio[-] real[1/s] imag[rad/s]')
+    do k = 1, size(lambda)
+      call file%row([lambda(k)%im/(2*pi), -lambda(k)%re/max(abs(lambda(k)), tiny(1.0_wp)), lambda(k)%re, lambda(k)%im])
+    end do
+    call file%close()
+    if (file%failed) call no_output(run, fail)
+    call text%open('margins', '[')
+    do k = 1, loops%n
+      call stop_if_signalled('modal analysis', fail)
+      if (fail%happened()) exit
+      call margins(loops, ds, k, lambda, text)
+    end do
+    call text%close()
+    call text%close()
+    if (grow > 0) call warn(run, 'a closed loop is unstable: '//to_text(grow)//' of its poles grow (poles.txt)', text)
+  end subroutine run_loops
+
+  !> Gain and phase margin of one loop opened: where the open loop is real and negative, and where its size is 1. Searched at
+  !> frequencies around all poles.
+  subroutine margins(loops, ds, c, lambda, text)
+    type(loop_system), intent(in) :: loops
+    type(stiffness_system), intent(inout) :: ds
+    integer, intent(in) :: c                           !! controller
+    complex(wp), intent(in) :: lambda(:)               !! all poles [1/s]
+    type(summary_record), intent(inout) :: text
+    real(wp), allocatable :: omega(:)
+    complex(wp) :: left, right, l
+    real(wp) :: at, gain, gain_at, phase, phase_at, angle
+    integer :: k
+    omega = frequencies(lambda)
+    gain = huge(1.0_wp)
+    phase = huge(1.0_wp)
+    left = loops%opened(ds, cmplx(0.0_wp, omega(1), wp), c)
+    do k = 2, size(omega)
+      right = loops%opened(ds, cmplx(0.0_wp, omega(k), wp), c)
+      if (left%im*right%im < 0.0_wp .and. min(left%re, right%re) < 0.0_wp) then
+        call cross(.false., at, l)
+        if (l%re < 0.0_wp .and. abs(log(abs(l))) < abs(log(gain))) then
+          gain = 1/abs(l)
+          gain_at = at
+        end if
+      end if
+      if ((abs(left) - 1)*(abs(right) - 1) < 0.0_wp) then
+        call cross(.true., at, l)
+        angle = modulo(atan2(l%im, l%re), 2*pi) - pi   ! 180 degrees and the phase, from -180 to 180
+        if (abs(angle) < abs(phase)) then
+          phase = angle
+          phase_at = at
+        end if
+      end if
+      left = right
+    end do
+    call text%open('', '{')
+    call text%figure('  loop of controller "', 'controller', trim(loops%law(c)%name))
+    call text%words%add('" opened: ')
+    if (gain < huge(1.0_wp)) then
+      call text%figure('gain margin ', 'gain_margin', gain, 5)
+      call text%figure(' at ', 'gain_margin_at', gain_at/(2*pi), 5)
+      call text%words%add(' Hz, ')
+    else
+      call text%words%add('no frequency limits the gain, ')
+    end if
+    if (phase < huge(1.0_wp)) then
+      call text%figure('phase margin ', 'phase_margin', phase*180/pi, 5)
+      call text%figure(' degrees at ', 'phase_margin_at', phase_at/(2*pi), 5)
+      call text%line(' Hz')
+    else
+      call text%line('no frequency has the gain 1')
+    end if
+    call text%close()
+  contains
+    !> Halves the interval in which the size of the open loop crosses 1, or its imaginary part 0.
+    subroutine cross(by_size, at, l)
+      logical, intent(in) :: by_size
+      real(wp), intent(out) :: at                      !! [rad/s]
+      complex(wp), intent(out) :: l                   !! the open loop there [-]
+      real(wp) :: low, high                            ! [rad/s]
+      integer :: i
+      low = omega(k - 1)
+      high = omega(k)
+      do i = 1, 45
+        at = 0.5_wp*(low + high)
+        l = loops%opened(ds, cmplx(0.0_wp, at, wp), c)
+        if (merge((abs(left) - 1)*(abs(l) - 1), left%im*l%im, by_size) > 0.0_wp) then
+          low = at
+        else
+          high = at
+        end if
+      end do
+    end subroutine cross
+  end subroutine margins
+
+  !> Frequencies that show every pole: a grid over all decades, and narrow ones about each.
+  pure function frequencies(lambda) result(omega)
+    complex(wp), intent(in) :: lambda(:)               !! [1/s]
+    real(wp), allocatable :: omega(:)                  !! ascending [rad/s]
+    complex(wp), allocatable :: moving(:)              !! rigid motions left out
+    real(wp) :: low, high, next
+    integer :: i, j, k
+    moving = pack(lambda, abs(lambda) > 1.0e-7_wp*maxval(abs(lambda)))
+    low = 0.01_wp*minval(abs(moving))
+    high = 10*maxval(abs(moving))
+    omega = [(low*(high/low)**(k/(per_decade*log10(high/low))), k=0, int(per_decade*log10(high/low)) + 1), &
+             ((moving(i)%im + 0.5_wp*j*abs(moving(i)%re), j=-4, 4), i=1, size(moving))]
+    omega = pack(omega, omega >= low)
+    do i = 2, size(omega)
+      next = omega(i)
+      j = i - 1
+      do while (j >= 1)
+        if (omega(j) <= next) exit
+        omega(j + 1) = omega(j)
+        j = j - 1
+      end do
+      omega(j + 1) = next
+    end do
+  end function frequencies
+end module loop_analysis
