@@ -6,7 +6,7 @@ module friction_states
   use dynamics, only: evaluate
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation, motion_of_row
-  use friction_row, only: friction_model, creeping, stopped, row_stuck, row_slips, row_carried, row_idle
+  use friction_row, only: friction_model, creeping, grip, stopped, row_stuck, row_slips, row_carried, row_idle
   use joint_geometry, only: condense_geometry
   use mechanism, only: mechanism_model
   use root_watch, only: by_position, most_roots, root_rounding
@@ -210,7 +210,7 @@ contains
       class is (friction_model)
         if (ev%switches%state(c%switch_number) /= row_stuck) cycle
         limit = c%sticking_limit(ev%lambda)
-        limit = limit + root_rounding*(limit + maxval(abs(ev%lambda)))
+        limit = limit*(1 + grip) + root_rounding*maxval(abs(ev%lambda))
         share = abs(ev%lambda(c%first))/max(limit, tiny(1.0_wp))
         if (breaks(k) .and. share > 1 - reached) share = max(share, 1 + epsilon(1.0_wp))
         if (share <= worst) cycle

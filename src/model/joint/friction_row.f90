@@ -16,6 +16,7 @@ module friction_row
   integer, parameter, public :: row_stuck = 0, row_slips = 1, row_carried = 2, row_idle = 3
   real(wp), parameter, public :: creeping = 1.0e-10_wp   !! a slower joint is at rest, sizes a second [1/s]
 
+  real(wp), parameter, public :: grip = 1.0e-11_wp       !! a row that sticks holds by so much more: it does not come and go [-]
   real(wp), parameter, public :: stopped = 1.0e-13_wp    !! a rate so small is zero where one slips, sizes a second [1/s]
 
   !> The row.
@@ -115,7 +116,7 @@ contains
       select case (abs(now%state))
       case (row_stuck)
         c = self%sticking_limit(lambda)
-        watched%g(1) = c - abs(lambda(self%first))
+        watched%g(1) = c*(1 + grip) - abs(lambda(self%first))
         watched%rate(1) = huge(1.0_wp)
         watched%zero(1) = root_rounding*(c + scale)
       case (row_slips)
