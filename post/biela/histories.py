@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas
 
 HEADER = "# columns:"
-LARGE = 20_000_000  # bytes of a table beyond which it is worth while to load a faster parser
+LARGE = 20_000_000  # bytes beyond which a faster parser reads a table; that of results files is right to an ulp or two
 COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
 
 
@@ -129,10 +129,8 @@ def read(source: str | Path, kind: str = "history") -> History:
         if twice:
             raise HistoryError(f"{path}: the column {twice[0]!r} is given twice")
         data = None
-        if not separator:
-            data = read_rows(path, size, len(names))
-        elif path.stat().st_size > LARGE:
-            data = _large_table(path, len(names))
+        if path.stat().st_size > LARGE:
+            data = _large_table(path, len(names)) if separator else read_rows(path, size, len(names))
         if data is None or not len(data):
             lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
             data = np.asfortranarray(_rows(path, lines, _header(path, lines, separator)[0], len(names), separator))

@@ -50,9 +50,9 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("viscosity", "inertia", "z", "zd", "dz", "u", "delta0", "delta"),
         *("h", "gain", "start", "real_gain", "rate_gap", "driving"),
     },
-    ("results", "result_set", "results", "self"): {"incomplete", "values", "used"},
-    ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along", "by_cause"},
-    ("error_check", "error_watch", "error_check", "self"): {"active", "error_ratio", "between"},
+    ("results", "result_set", "results", "self"): {"incomplete", "values", "used", "suffix"},
+    ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along", "columns"},
+    ("error_check", "error_watch", "error_check", "self"): {"active", "error_ratio", "between", "stored"},
     ("text_file", "result_file", "text_file", "self"): {"buffer", "failed", "handle", "used"},
     ("validity", "validity_watch", "validity", "self"): {"weight"},
     ("step_monitor", "stability_monitor", "step_monitor", "self"): {

@@ -17,8 +17,8 @@ module energy_balance
 
   !> The balance so far. Energies are kinetic, potential, dissipated and work, in this order.
   type, public :: balance_watch
-    real(wp) :: row(7) = 0.0_wp               !! a row of energy.txt: four energies, residual [J], violations [m], [m/s]
-    real(wp), allocatable :: by_cause(:)      !! the rest of it: what stops, then what friction of joints dissipated, where any [J]
+    real(wp) :: row(9) = 0.0_wp               !! a row of energy.txt: four energies, residual [J], violations [m], [m/s], [J] of causes
+    integer :: columns = 7                    !! of the row in use: what stops, then what friction dissipated follow where any can
     real(wp) :: start(2) = 0.0_wp             !! kinetic and potential energy at t = 0 [J]
     real(wp) :: least = 0.0_wp                !! energies below it move nothing that counts [J]
     real(wp) :: in_reach = 0.0_wp             !! what the forces of the start could do until the first row [J]
@@ -71,7 +71,9 @@ contains
       call violations(m, ev, x(6), x(7))
       x(3:4) = y(2*nq + nz + nzd + 1:2*nq + nz + nzd + 2)
       associate (each => y(2*nq + nz + nzd + 3:), stops => m%s%stops, n => size(m%s%switching))
-        self%by_cause = pack([sum(each(:stops)), sum(each(n + 1:))], [stops, size(each) - n] > 0)
+        self%columns = 7 + merge(1, 0, stops > 0) + merge(1, 0, size(each) > n)
+        x(9) = sum(each(n + 1:))
+        x(8) = merge(sum(each(:stops)), x(9), stops > 0)
       end associate
       call kinetic_by_direction(m, ev, y(nq + 1:2*nq), self%along)
       if (first) then

@@ -219,7 +219,7 @@ contains
         call march%check%compare(files%values)
       end if
       call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
-      call files%write_row(t, [march%balance%row, march%balance%by_cause])
+      call files%write_row(t, march%balance%row(:march%balance%columns))
       call files%write_events(run%sys%m, run%sys%events)
       march%last = t
       if (r%motion_step > 0.0_wp) then

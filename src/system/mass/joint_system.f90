@@ -56,12 +56,15 @@ contains
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev
     real(wp), intent(out), contiguous :: rate(:)      !! (rows) [m/s]
+    integer :: k
     call add_marker_terms(self%s%rows, size(ev%p%rate), self%incidence%row_marker, ev%rows%na, ev%rows%nb, ev%p%v, &
                           ev%rows%phi_t, rate)
     call add_angle_terms(self%s%rows, size(ev%p%rate), self%incidence%row_marker, ev%rows%sa, ev%rows%sb, ev%p%rate, rate)
-    associate (i => self%incidence%carried)
-      rate(i) = rate(i) + ev%rows%sc(i)*ev%p%rate(self%incidence%carrier)
-    end associate
+    do k = 1, size(self%incidence%carried)
+      associate (i => self%incidence%carried(k))
+        rate(i) = rate(i) + ev%rows%sc(i)*ev%p%rate(self%incidence%carrier(k))
+      end associate
+    end do
     if (.not. allocated(ev%rows%off)) return
     where (ev%rows%off) rate = 0.0_wp
   end subroutine row_rates
@@ -83,9 +86,10 @@ contains
                       + (r%nb(1, i)*b(1) + r%nb(2, i)*b(2) + r%sb(i)*b(3))
         end associate
       end do
-      associate (i => self%incidence%carried)
-        change(i) = change(i) + r%sc(i)*d(3, self%incidence%carrier)
-      end associate
+      do k = 1, size(self%incidence%carried)
+        i = self%incidence%carried(k)
+        change(i) = change(i) + r%sc(i)*d(3, self%incidence%carrier(k))
+      end do
     end associate
   end subroutine add_row_motion
 
