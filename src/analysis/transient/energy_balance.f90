@@ -17,7 +17,7 @@ module energy_balance
 
   !> The balance so far. Energies are kinetic, potential, dissipated and work, in this order.
   type, public :: balance_watch
-    real(wp) :: row(9) = 0.0_wp               !! a row of energy.txt: four energies, residual [J], violations [m], [m/s], [J] of causes
+    real(wp) :: row(9) = 0.0_wp               !! of energy.txt: 4 energies, residual [J], violations [m], [m/s], losses [J]
     integer :: columns = 7                    !! of the row in use: what stops, then what friction dissipated follow where any can
     real(wp) :: start(2) = 0.0_wp             !! kinetic and potential energy at t = 0 [J]
     real(wp) :: least = 0.0_wp                !! energies below it move nothing that counts [J]
