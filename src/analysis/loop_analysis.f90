@@ -7,6 +7,7 @@ module loop_analysis
   use interruption, only: stop_if_signalled
   use posix, only: remove_file
   use scene_run, only: run_state, no_output, warn
+  use sorting, only: ascending
   use summary_text, only: summary_record
   use text, only: to_text
   use text_file, only: result_file
@@ -154,7 +155,7 @@ contains
     complex(wp), intent(in) :: lambda(:)               !! [1/s]
     real(wp), allocatable :: omega(:)                  !! ascending [rad/s]
     complex(wp), allocatable :: moving(:)              !! rigid motions left out
-    real(wp) :: low, high, next
+    real(wp) :: low, high
     integer :: i, j, k
     moving = pack(lambda, abs(lambda) > 1.0e-7_wp*maxval(abs(lambda)))
     low = 0.01_wp*minval(abs(moving))
@@ -162,15 +163,6 @@ contains
     omega = [(low*(high/low)**(k/(per_decade*log10(high/low))), k=0, int(per_decade*log10(high/low)) + 1), &
              ((moving(i)%im + 0.5_wp*j*abs(moving(i)%re), j=-4, 4), i=1, size(moving))]
     omega = pack(omega, omega >= low)
-    do i = 2, size(omega)
-      next = omega(i)
-      j = i - 1
-      do while (j >= 1)
-        if (omega(j) <= next) exit
-        omega(j + 1) = omega(j)
-        j = j - 1
-      end do
-      omega(j + 1) = next
-    end do
+    omega = omega(ascending(omega))
   end function frequencies
 end module loop_analysis

@@ -3,7 +3,7 @@ module build_markers
   use kinds, only: wp
   use acting_markers, only: acting_marker
   use body_setup, only: body_length
-  use counting_sort, only: sort_by_number
+  use sorting, only: sort_by_number
   use deck_records, only: marker_record
   use marker, only: marker_model
   use scene_model, only: scene

@@ -9,7 +9,7 @@ module build_scene
   use build_loads, only: make_forces, place_stop_rows
   use build_quantities, only: make_quantity
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
-  use counting_sort, only: sort_by_number
+  use sorting, only: sort_by_number
   use deck_records, only: deck
   use internal_variables, only: internal_state
   use number_range, only: judge_laws, judge_distances

@@ -14,6 +14,7 @@ module closed_loops
   use natural_modes, only: lowest_natural_modes
   use reduced_system, only: first_order, reduced_model
   use small_matrices, only: solve_small
+  use sorting, only: ascending
   implicit none (type, external)
   private
 
@@ -165,7 +166,6 @@ contains
     type(reduced_model) :: model
     real(wp), allocatable :: omega2(:), x(:, :), a(:, :), whole(:, :), wr(:), wi(:), work(:)
     real(wp) :: left(1, 1), right(1, 1)
-    complex(wp) :: next
     integer :: i, j, k, n, c, info
     c = ds%n - ds%rows
     states = 2*c + sum(self%law%states)
@@ -190,16 +190,7 @@ contains
     call dgeev('N', 'N', states, whole, states, wr, wi, left, 1, right, 1, work, size(work), info)
     ok = info == 0
     lambda = pack(cmplx(wr, wi, wp), wi >= 0.0_wp)
-    do i = 2, size(lambda)
-      next = lambda(i)
-      j = i - 1
-      do while (j >= 1)
-        if (abs(lambda(j)) <= abs(next)) exit
-        lambda(j + 1) = lambda(j)
-        j = j - 1
-      end do
-      lambda(j + 1) = next
-    end do
+    lambda = lambda(ascending(abs(lambda)))
   end subroutine poles
 
   !> One loop in the system of first order, whose first unknowns are scale times the motions, then their rates.

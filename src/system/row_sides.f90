@@ -1,7 +1,7 @@
 !> The sides of rows on moving bodies, body by body, and the markers of flexible bodies where rows act: once for the constraint rows
 !> of the mass solve and for all rows of an implicit step.
 module row_sides
-  use counting_sort, only: sort_by_number
+  use sorting, only: sort_by_number
   use scene_model, only: scene
   implicit none (type, external)
   private

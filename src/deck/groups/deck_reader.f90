@@ -15,7 +15,7 @@ module deck_reader
   use deck_paths, only: deck_name
   use deck_words, only: valid_name
   use deck_records, only: deck
-  use counting_sort, only: sort_by_number
+  use sorting, only: sort_by_number
   use deck_flat, only: flat_text
   use deck_parameters, only: compute_values, parameter_value
   use deck_properties, only: read_parameter, read_scene, read_material, read_section

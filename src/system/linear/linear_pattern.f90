@@ -1,7 +1,7 @@
 !> The matrices of the linearised mechanism on one sparse pattern: the union of their patterns with the joints' rows, entries
 !> summed on it, and the stiffness of viscoelastic segments with the same terms summed to one group.
 module linear_pattern
-  use counting_sort, only: sort_by_number
+  use sorting, only: sort_by_number
   use kinds, only: wp
   use linear_matrices, only: linear_mechanism, number_laws
   use sparse_pattern, only: symmetric_pattern

@@ -1,8 +1,9 @@
-!> Sorting by small whole numbers, in linear time.
-module counting_sort
+!> Sorting: by small whole numbers, in linear time; of few reals.
+module sorting
+  use kinds, only: wp
   implicit none (type, external)
   private
-  public :: sort_by_number
+  public :: ascending, sort_by_number
 
 contains
 
@@ -29,4 +30,20 @@ contains
       fill(number(k)) = fill(number(k)) + 1
     end do
   end subroutine sort_by_number
-end module counting_sort
+
+  !> Positions of values from the smallest to the largest by insertion, for a thousand or two; equal ones keep their order.
+  pure function ascending(x) result(order)
+    real(wp), intent(in) :: x(:)                     !! [any]
+    integer :: order(size(x))
+    integer :: i, j
+    do i = 1, size(x)
+      j = i - 1
+      do while (j >= 1)
+        if (x(order(j)) <= x(i)) exit
+        order(j + 1) = order(j)
+        j = j - 1
+      end do
+      order(j + 1) = i
+    end do
+  end function ascending
+end module sorting
