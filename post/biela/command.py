@@ -24,6 +24,19 @@ def parser(tool: str, words: str) -> argparse.ArgumentParser:
     return argparse.ArgumentParser(prog=f"{tool}.py", description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
+def study_parser(tool: str, words: str) -> argparse.ArgumentParser:
+    """Return the parser of a tool that makes the runs of a study: where these are made, and where the results go."""
+    found = parser(tool, words)
+    found.add_argument("study", type=Path, metavar="STUDY.toml", help="deck, parameters and results (see post/README.md)")
+    found.add_argument("--output", type=Path, metavar="DIR", help=f"folder of the results (results/{tool}/<study name>)")
+    found.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs side by side (all cores: %(default)s)")
+    found.add_argument("--dask", metavar="ADDRESS", help="address of a Dask scheduler, instead of this machine's cores")
+    found.add_argument("--no-pictures", action="store_true", help="tables only")
+    found.add_argument("--biela", type=Path, default=SOLVER, help="the solver")
+    found.set_defaults(keep=False)
+    return found
+
+
 def finite(text: str) -> float:
     """Return a number from the command line; infinities and NaN are none."""
     try:

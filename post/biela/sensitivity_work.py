@@ -130,8 +130,7 @@ def sensitivity(args: argparse.Namespace) -> int:
     except OSError as fault:
         raise HistoryError(f"{folder / 'table.csv'}: cannot be written ({fault.strerror})") from None
     own = len(study.parameters)
-    print(f"{runs.count} runs at " + ", ".join(f"{name} = {value:.6g}" if isinstance(value, float) else f"{name} = {value}"
-                                              for name, value in base.point.items()))  # fmt: skip
+    print(f"{runs.count} runs at {_shown(base, 6)}")
     for k, scalar in enumerate(study.scalars):
         error = checked.errors[own + k]
         print(f"  {scalar.name} = {base.values[own + k]:.6g} {runs.units[k]}".rstrip() + f" (error of the run {error:.1e})")
@@ -140,8 +139,12 @@ def sensitivity(args: argparse.Namespace) -> int:
     if not args.no_pictures:
         from . import optimise_picture
 
-        at = ", ".join(
-            f"{name} = {value:.4g}" if isinstance(value, float) else f"{name} = {value}" for name, value in base.point.items()
-        )
+        at = _shown(base, 4)
         print(f"picture: {optimise_picture.tornado(study, space, rows, runs.units, at, folder / 'tornado.png')}")
     return 0
+
+
+def _shown(design: Design, digits: int) -> str:
+    """Return the parameters of a design in words."""
+    shown = {name: f"{value:.{digits}g}" if isinstance(value, float) else value for name, value in design.point.items()}
+    return ", ".join(f"{name} = {value}" for name, value in shown.items())

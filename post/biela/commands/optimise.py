@@ -11,24 +11,15 @@ interrupted search goes on where it was. Status 1: no design meets the limits.
 from __future__ import annotations
 
 import argparse
-import os
-from pathlib import Path
 
 from .. import command
 
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    parser = command.parser("optimise", __doc__)
-    parser.add_argument("study", type=Path, metavar="STUDY.toml", help="deck, parameters and results (see post/README.md)")
-    parser.add_argument("--output", type=Path, metavar="DIR", help="folder of the results (results/optimise/<study name>)")
+    parser = command.study_parser("optimise", __doc__)
     parser.add_argument("--best", metavar="'min NAME'", help="'min' or 'max' and a result (best of the study)")
     parser.add_argument("--where", action="append", default=[], metavar="'NAME < VALUE'", help="limit, beside those of the study")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs side by side (all cores: %(default)s)")
-    parser.add_argument("--dask", metavar="ADDRESS", help="address of a Dask scheduler, instead of this machine's cores")
-    parser.add_argument("--no-pictures", action="store_true", help="tables only")
-    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver")
-    parser.set_defaults(keep=False)
     return parser
 
 

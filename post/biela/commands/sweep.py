@@ -10,24 +10,16 @@ An interrupted sweep goes on where it was; what was run is not run again. A run 
 from __future__ import annotations
 
 import argparse
-import os
-from pathlib import Path
 
 from .. import command
 
 
 def arguments() -> argparse.ArgumentParser:
     """Return the command line's parser."""
-    parser = command.parser("sweep", __doc__)
-    parser.add_argument("study", type=Path, metavar="STUDY.toml", help="deck, parameters and results (see post/README.md)")
-    parser.add_argument("--output", type=Path, metavar="DIR", help="folder of the table (results/sweep/<study name>)")
+    parser = command.study_parser("sweep", __doc__)
     parser.add_argument("--best", metavar="'min NAME'", help="name the best run: 'min' or 'max' and a result")
     parser.add_argument("--where", action="append", default=[], metavar="'NAME < VALUE'", help="condition of the best")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs side by side (all cores: %(default)s)")
-    parser.add_argument("--dask", metavar="ADDRESS", help="address of a Dask scheduler, instead of this machine's cores")
     parser.add_argument("--keep", action="store_true", help="keep all decks and results, with all their sensors")
-    parser.add_argument("--no-pictures", action="store_true", help="the table only")
-    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver")
     return parser
 
 
