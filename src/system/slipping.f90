@@ -78,21 +78,17 @@ contains
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: b(:)                     !! [m/s2]
     real(wp), intent(inout) :: x(:), f(:)            !! [N]
-    real(wp) :: ab(3*ev%schur%kd + 1, ev%schur%n)    ! band of the matrix [1/kg]
     real(wp), dimension(size(x)) :: r, before
     real(wp) :: change, last
-    integer :: pivots(ev%schur%n), info, pass
+    logical :: ok
+    integer :: pass
     last = huge(1.0_wp)
     do pass = 1, most_passes
       r = b
       call ev%schur%whole_product(merge(f, x, ev%rows%off), r)
-      where (ev%rows%off) r = 0.0_wp
-      call sum_matrix(m, ev, x, 0, ab)
-      call dgbtrf(size(x), size(x), ev%schur%kd, ev%schur%kd, ab, size(ab, 1), pivots, info)
-      r(ev%schur%position) = r*ev%schur%scale
-      if (info == 0) call dgbtrs('N', size(x), ev%schur%kd, ev%schur%kd, 1, ab, size(ab, 1), pivots, r, size(x), info)
-      if (info /= 0) exit
-      x = x + r(ev%schur%position)*ev%schur%scale
+      call solve_linearised(m, ev, x, 0, r, ok)
+      if (.not. ok) exit
+      x = x + r
       before = f
       call friction(m, ev, x, f)
       change = maxval(abs(f - before))
@@ -112,9 +108,8 @@ contains
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: k
     logical, intent(in) :: others                    !! with the friction of other joints, linearised; else without
-    real(wp) :: ab(3*ev%schur%kd + 1, ev%schur%n)    ! band of the matrix without that friction [1/kg]
     real(wp), dimension(size(ev%lambda)) :: y, unit  ! [-]
-    integer :: pivots(ev%schur%n), info
+    logical :: ok
     ratio = 0.0_wp
     select type (c => m%s%constraints(m%s%switching_rows(k))%item)
     class is (friction_model)
@@ -124,13 +119,8 @@ contains
       y = 0.0_wp
       call ev%schur%whole_product(unit, y)
       if (others) then
-        where (ev%rows%off) y = 0.0_wp
-        call sum_matrix(m, ev, ev%lambda, c%first, ab)
-        call dgbtrf(size(y), size(y), ev%schur%kd, ev%schur%kd, ab, size(ab, 1), pivots, info)
-        y(ev%schur%position) = y*ev%schur%scale
-        if (info == 0) call dgbtrs('N', size(y), ev%schur%kd, ev%schur%kd, 1, ab, size(ab, 1), pivots, y, size(y), info)
-        if (info /= 0) return
-        y = y(ev%schur%position)*ev%schur%scale
+        call solve_linearised(m, ev, ev%lambda, c%first, y, ok)
+        if (.not. ok) return
       else
         call ev%schur%solve(y)
       end if
@@ -138,6 +128,25 @@ contains
       if (c%angular) ratio = ratio/c%size
     end select
   end function pressing
+
+  !> Multipliers of the rows that hold, friction linearised, from what they have to cancel; ok is false where there are none.
+  subroutine solve_linearised(m, ev, lambda, without, x, ok)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: lambda(:)                !! about which [N]
+    integer, intent(in) :: without                   !! a row t that is left out, 0: none
+    real(wp), intent(inout) :: x(:)                  !! [m/s2], then [N]
+    logical, intent(out) :: ok
+    real(wp) :: ab(3*ev%schur%kd + 1, ev%schur%n)    ! band of the matrix [1/kg]
+    integer :: pivots(ev%schur%n), info
+    where (ev%rows%off) x = 0.0_wp
+    call sum_matrix(m, ev, lambda, without, ab)
+    call dgbtrf(size(x), size(x), ev%schur%kd, ev%schur%kd, ab, size(ab, 1), pivots, info)
+    x(ev%schur%position) = x*ev%schur%scale
+    if (info == 0) call dgbtrs('N', size(x), ev%schur%kd, ev%schur%kd, 1, ab, size(ab, 1), pivots, x, size(x), info)
+    ok = info == 0
+    x = x(ev%schur%position)*ev%schur%scale
+  end subroutine solve_linearised
 
   !> S + S_t sigma dc/dlambda in the band storage of `dgbtrf`. A row t meets the rows of its joint, and all that these meet.
   subroutine sum_matrix(m, ev, lambda, without, ab)
