@@ -85,6 +85,7 @@ contains
     real(wp), allocatable :: x(:)             ! errors over what is asked [-]
     logical :: ok
     associate (search => march%search, c => march%check)
+      end = search%passes(search%count)
       end%outcome = finished
       if (march%stopped) end%outcome = given_up
       if (fail%happened()) end%outcome = lost_pass

@@ -198,17 +198,11 @@ contains
   !> Takes the end of the pass under way and decides on the next one, or ends the search.
   subroutine judge(self, end, most_seconds)
     class(pass_search), intent(inout) :: self
-    type(pass_record), intent(in) :: end      !! outcome, cost, worst, column, differ_at, reached
+    type(pass_record), intent(in) :: end      !! that pass as it has ended
     real(wp), intent(in) :: most_seconds      !! [s]
     type(pass_record) :: pass
-    pass = self%passes(self%count)
-    pass%outcome = end%outcome
-    pass%cost = end%cost
-    pass%reached = end%reached
+    pass = end
     pass%other = self%stored
-    pass%worst = end%worst
-    pass%column = end%column
-    pass%differ_at = end%differ_at
     self%passes(self%count) = pass
     if (pass%outcome == finished .and. pass%role /= witness) then
       call self%rows%turn()
