@@ -5,7 +5,7 @@ module step_advice
   use assembly_reports, only: assembly_report
   use deck_changes, only: can_change, change_body, change_words, mode_changes, without_ghm, without_rayleigh
   use deck_records, only: deck
-  use dynamics, only: evaluate_start, marker_kinematics, set_frames
+  use dynamics, only: evaluate_start, marker_kinematics
   use evaluation_results, only: evaluation
   use history, only: drive_values
   use mechanism, only: mechanism_model
@@ -48,7 +48,6 @@ contains
     real(wp) :: fastest, h(0:2)
     integer :: i, j, k
     work = ev
-    call set_frames(m, work, q)
     call marker_kinematics(m, work, q, v)
     rate = 0.0_wp
     name = ''

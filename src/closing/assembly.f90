@@ -6,7 +6,7 @@ module assembly
   use errors, only: failure, status_bad_input
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker_motion, only: set_frames, marker_kinematics
+  use marker_motion, only: marker_kinematics
   use position_closing, only: close_positions, closed_gap, warn_of_drives, warn_of_motion
   use redundancy, only: count_freedoms
   use velocity_closing, only: close_velocities
@@ -29,7 +29,6 @@ contains
     allocate (character(160) :: report%warnings(0))
     q = self%s%q0
     v = self%s%v0
-    call set_frames(self, ev, q)
     call marker_kinematics(self, ev, q, v)
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)

@@ -10,7 +10,7 @@ module position_closing
   use joint_system, only: constraint_values, condense_constraints
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use marker_motion, only: set_frames, marker_kinematics
+  use marker_motion, only: marker_kinematics
   use text, only: es_text, exact_text, to_text
   implicit none (type, external)
   private
@@ -106,7 +106,6 @@ contains
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:), v(:)   !! (nq) [m, rad], [m/s, rad/s]
     real(wp), intent(out) :: worst       !! largest gap of a row [m]
-    call set_frames(self, ev, q)
     call marker_kinematics(self, ev, q, v)
     call constraint_values(self, ev, usual_options(self%s), 0.0_wp)
     worst = 0.0_wp

@@ -4,7 +4,7 @@
 !> (`frame_closing`).
 module projection
   use kinds, only: wp
-  use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values, row_rates, apply_multipliers
+  use dynamics, only: evaluate, marker_kinematics, constraint_values, row_rates, apply_multipliers
   use evaluation_settings, only: evaluation_options, with_weak_pivots
   use frame_closing, only: prepare_frames, close_frames
   use evaluation_results, only: evaluation
@@ -68,7 +68,6 @@ contains
     enough = max(accepted*self%s%size, 16*goal)
     before = huge(1.0_wp)
     do pass = 1, most_passes
-      call set_frames(self, ev, q)
       call marker_kinematics(self, ev, q, v)
       call constraint_values(self, ev, options, t)
       worst = largest(self%s%rows, ev%rows%phi)

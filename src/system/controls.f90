@@ -7,7 +7,7 @@ module controls
   use evaluation_results, only: evaluation
   use evaluation_settings, only: evaluation_options
   use force_element, only: stage_static
-  use marker_motion, only: set_frames, marker_displacement, marker_kinematics
+  use marker_motion, only: marker_displacement, marker_kinematics
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -64,7 +64,6 @@ contains
     real(wp), intent(inout) :: z(:)           !! (nz) [m, rad, any]
     integer :: k
     if (size(m%s%controllers) == 0) return
-    call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k))
@@ -94,19 +93,15 @@ contains
     end do
   end subroutine start_controls
 
-  !> Roots, two of each.
-  subroutine watch_controls(m, ev, t, left_limit, q, v, z, g, rate, zero)
+  !> Roots, two of each, in the motion of the markers.
+  subroutine watch_controls(m, ev, t, left_limit, z, g, rate, zero)
     type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
+    type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: t                 !! [s]
     logical, intent(in) :: left_limit         !! a jump of a reference at t is not yet felt
-    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad, any]
     real(wp), intent(out) :: g(:), rate(:), zero(:)  !! (2 controllers) as `find_roots` says [any], [any/s], [any]
     integer :: k
-    if (size(m%s%controllers) == 0) return
-    call set_frames(m, ev, q)
-    call marker_kinematics(m, ev, q, v)
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k), i => 2*k - 1)
         call c%watch(t, ev%control(k)%state, c%inputs(ev%p, t, left_limit, z(c%first + 1:c%first + c%states)), &
@@ -126,7 +121,6 @@ contains
     real(wp), allocatable :: w(:)
     integer :: k
     if (size(m%s%controllers) == 0) return
-    call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k), x => ev%control(k), i => m%s%controllers(k)%first)
@@ -158,7 +152,6 @@ contains
     real(wp), intent(inout) :: f(:)           !! (nz) those of controllers are set [any/s]
     integer :: k
     if (size(m%s%controllers) == 0 .or. options%stage == stage_static) return
-    call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     do k = 1, size(m%s%controllers)
       call one_input(m, ev, t, k, f)

@@ -16,8 +16,16 @@ module dynamics
   use marker_motion, only: set_frames, marker_kinematics, one_marker
   implicit none (type, external)
   private
-  public :: evaluate, evaluate_start, drive_powers, marker_kinematics, one_marker, constraint_values, row_rates, &
+  public :: evaluate, evaluate_motion, evaluate_start, drive_powers, marker_kinematics, one_marker, constraint_values, row_rates, &
             condense_constraints, apply_multipliers, applied_forces, set_frames
+
+  !> A state of motion.
+  type, public :: motion_state
+    type(evaluation_options) :: options
+    real(wp) :: t = 0.0_wp                       !! [s]
+    real(wp), allocatable :: q(:), v(:)          !! (nq) [m, rad] and per second
+    real(wp), allocatable :: z(:), zd(:)         !! (nz), (nzd) [m, rad] and per second
+  end type motion_state
 
 contains
 
@@ -32,7 +40,6 @@ contains
     ev%evaluations = ev%evaluations + 1
     ev%t = t
     ev%options = options
-    call set_frames(self, ev, q)
     call marker_kinematics(self, ev, q, v)
     ev%dissipated_power = 0.0_wp
     ev%input_power = 0.0_wp
@@ -49,6 +56,14 @@ contains
     call drive_powers(self, ev, ev%lambda)
     if (.not. v(1) < huge(1.0_wp)) ev%broken = .true.
   end subroutine evaluate
+
+  !> The same at a state of motion.
+  subroutine evaluate_motion(self, ev, at)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(inout) :: ev
+    type(motion_state), intent(in) :: at
+    call evaluate(self, ev, at%options, at%t, at%q, at%v, at%z, at%zd)
+  end subroutine evaluate_motion
 
   !> The same at t = 0 as the deck has it, internal variables at zero; at rest, if no velocities are given.
   subroutine evaluate_start(self, ev, q, v)

@@ -3,8 +3,7 @@
 !> it all the same. Where a joint at rest is accelerated by rows that always hold (a dead centre, a drive), it slips with them.
 module friction_states
   use kinds, only: wp
-  use dynamics, only: evaluate
-  use evaluation_settings, only: evaluation_options
+  use dynamics, only: evaluate_motion, motion_state
   use evaluation_results, only: evaluation, motion_of_row
   use friction_row, only: friction_model, creeping, grip, stopped, row_stuck, row_slips, row_carried, row_idle
   use joint_geometry, only: condense_geometry
@@ -17,14 +16,6 @@ module friction_states
   real(wp), parameter :: still = 1.0e-10_wp      !! an acceleration so small is none, of the largest without multipliers [-]
   real(wp), parameter :: reached = 1.0e-6_wp     !! a share so near to its limit is there after an event that says so [-]
   real(wp), parameter :: redundant = 1.0e-6_wp   !! relative pivot of the geometry below which a row depends on others [-]
-
-  !> A state of motion.
-  type, public :: motion_state
-    type(evaluation_options) :: options
-    real(wp) :: t = 0.0_wp                       !! [s]
-    real(wp), allocatable :: q(:), v(:)          !! (nq) [m, rad] and per second
-    real(wp), allocatable :: z(:), zd(:)         !! (nz), (nzd) [m, rad] and per second
-  end type motion_state
 
 contains
 
@@ -41,8 +32,8 @@ contains
     call find_resting(m, ev, fallen, rests, breaks)
     ev%switches%shared = .false.
     ok = .true.
+    call look(m, ev, at)
     if (any(rests)) call settle(m, ev, at, rests, breaks, ok)
-    if (.not. any(rests)) call look(m, ev, at)
     call note_pads(m, ev, fallen)
   end subroutine settle_friction
 
@@ -82,7 +73,7 @@ contains
     type(evaluation), intent(inout) :: ev
     type(motion_state), intent(in) :: at
     ev%broken = .false.
-    call evaluate(m, ev, at%options, at%t, at%q, at%v, at%z, at%zd)
+    call evaluate_motion(m, ev, at)
   end subroutine look
 
   !> Rows that are at rest: those stick, from the present position unless they stuck before. Others slip with their rates.
@@ -113,7 +104,7 @@ contains
     end do
   end subroutine find_resting
 
-  !> Sorts the rows at rest.
+  !> Sorts the rows at rest, after an evaluation in which all of them stick.
   subroutine settle(m, ev, at, rests, breaks, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -123,7 +114,6 @@ contains
     logical, intent(out) :: ok
     integer :: pass
     logical :: changed
-    call look(m, ev, at)
     if (ev%schur%singular .and. .not. m%redundant) call sort_dependent(m, ev, at, rests)
     do pass = 1, 4*size(rests) + 4
       call check_released(m, ev, rests, changed)

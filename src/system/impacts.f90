@@ -11,14 +11,13 @@ module impacts
   use kinds, only: wp
   use complementarity, only: solve_complementarity
   use constraint, only: row_motion
-  use dynamics, only: evaluate
+  use dynamics, only: evaluate_motion, motion_state
   use evaluation_results, only: evaluation, conditions_of, motion_of_row
-  use evaluation_settings, only: evaluation_options
   use force_element, only: by_position, most_roots, root_rounding, watched_roots
   use joint_response, only: apply_multipliers
   use joint_system, only: add_row_motion
   use lapack, only: dgesv
-  use marker_motion, only: marker_kinematics, set_frames
+  use marker_motion, only: marker_kinematics
   use mechanism, only: mechanism_model
   use stop_row, only: stop_row_model
   use stops, only: stop_idle, stop_open, stop_rebound, stop_touching
@@ -61,14 +60,10 @@ contains
 
   !> Passes all rigid stops that are touched at a state, some of which may have just been met: velocities, states, events. The
   !> projection that follows takes what rates are left at stops that close.
-  subroutine pass_impacts(m, ev, options, t, q, v, z, zd, fallen, list, x)
+  subroutine pass_impacts(m, ev, at, fallen, list, x)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    type(evaluation_options), intent(in) :: options
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in), contiguous :: q(:)     !! (nq) [m, rad]
-    real(wp), intent(inout), contiguous :: v(:)  !! (nq) [m/s, rad/s]
-    real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz), (nzd) [m, rad] and per second
+    type(motion_state), intent(inout) :: at
     logical, intent(in) :: fallen(:)          !! (roots)
     type(event_list), intent(inout) :: list
     type(impact_result), intent(out) :: x
@@ -76,24 +71,24 @@ contains
     integer, allocatable :: others(:), before(:)   ! states
     allocate (x%lost(size(m%s%switching)), x%impulse(size(m%s%switching)), source=0.0_wp)
     allocate (x%flight(size(m%s%switching)), source=huge(1.0_wp))
-    call find_contacts(m, ev, q, v, fallen, c)
+    call find_contacts(m, ev, at%q, at%v, fallen, c)
     x%any = c%n > 0
     if (.not. x%any) return
     others = ev%switches%state(size(m%s%switching) + 1:)
     before = ev%switches%state(c%element)
     ev%switches%state(size(m%s%switching) + 1:) = by_position     ! friction has no impulses
     ev%switches%state(c%element) = stop_open
-    call evaluate(m, ev, options, t, q, v, z, zd)
+    call evaluate_motion(m, ev, at)
     call find_responses(m, ev, c)
-    call strike(m, ev, t, q, v, c, list, x)
+    call strike(m, ev, at%t, at%q, at%v, c, list, x)
     ev%switches%state(size(m%s%switching) + 1:) = others
     if (x%conflict == 0) then
-      call evaluate(m, ev, options, t, q, v, z, zd)
+      call evaluate_motion(m, ev, at)
       call find_responses(m, ev, c)
-      call close_stops(m, ev, t, before, c, list, x)
+      call close_stops(m, ev, at%t, before, c, list, x)
     end if
     if (x%conflict > 0) return
-    call evaluate(m, ev, options, t, q, v, z, zd)
+    call evaluate_motion(m, ev, at)
   end subroutine pass_impacts
 
   !> For an equilibrium, at its last evaluation: closes the rigid stops that are entered; where none is, opens those that pull.
@@ -139,7 +134,6 @@ contains
     logical :: down(most_roots)
     integer :: k, i, side
     allocate (c%element(0), c%place(0), c%row(0), c%side(0), c%fallen(0), c%closed(0), c%e(0))
-    call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     do k = 1, size(m%s%constraints) - m%s%permanent
       select type (row => m%s%constraints(m%s%permanent + k)%item)

@@ -26,12 +26,13 @@ contains
     end do
   end subroutine set_frames
 
-  !> States of all markers.
+  !> States of all markers, frames first.
   pure subroutine marker_kinematics(self, ev, q, v)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad], [m/s, rad/s]
     integer :: j, k, b, i, n
+    call set_frames(self, ev, q)
     associate (at => self%markers, f => ev%frame, p => ev%p)
       if (size(at%rigid) > 0) call rigid_markers(size(at%rigid), at%rigid, size(at%body), size(f%cos), at%body, self%s%qo, f%cos, &
                                                  f%sin, size(q), q, v, p%rho, p%r, p%v, p%bias, p%angle, p%rate)

@@ -4,12 +4,12 @@ module switching
   use kinds, only: wp
   use archive, only: value_archive
   use evaluation_results, only: evaluation, conditions_of, motion_of_row
-  use marker_motion, only: set_frames, marker_kinematics
+  use marker_motion, only: marker_kinematics
   use mechanism, only: mechanism_model
   use root_watch, only: most_roots, watched_roots
   implicit none (type, external)
   private
-  public :: start_states, watch_roots, watch_rows, pass_events, exchange_states, element_name, state_word
+  public :: start_states, watch_roots, watch_rows, pass_events, exchange_states, element_name, is_rigid_stop, state_word
 
   !> An event of one element.
   type, public :: switch_event
@@ -37,7 +37,6 @@ contains
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     integer :: i
-    call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     associate (s => m%s%switching, x => ev%switches)
       do i = 1, size(s)
@@ -46,16 +45,13 @@ contains
     end associate
   end subroutine start_states
 
-  !> Roots of all force elements in their present states, at a state of motion.
-  subroutine watch_roots(m, ev, q, v, g, rate, zero)
+  !> Roots of all force elements in their present states, in the motion of the markers.
+  subroutine watch_roots(m, ev, g, rate, zero)
     type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
+    type(evaluation), intent(in) :: ev
     real(wp), intent(out) :: g(:), rate(:), zero(:) !! (roots) `watched_roots` [any], [any/s], [any]
     type(watched_roots) :: x
     integer :: i, n
-    call set_frames(m, ev, q)
-    call marker_kinematics(m, ev, q, v)
     associate (s => m%s%switching)
       do i = 1, size(s)
         call m%s%forces(s(i))%item%roots(ev%p, conditions_of(m, ev, s(i)), x)
@@ -97,14 +93,14 @@ contains
     logical :: down(size(fallen))
     integer :: pass, i, k
     down = fallen
-    call watch_roots(m, ev, q, v, g, rate, zero)
+    call marker_kinematics(m, ev, q, v)
     do pass = 1, 4*size(m%s%switching)
       do i = 1, size(m%s%switching)
         k = findloc(down(most_roots*(i - 1) + 1:most_roots*i), .true., 1)
-        if (m%s%forces(m%s%switching(i))%item%row > 0) cycle     ! a rigid stop (`impacts`)
+        if (is_rigid_stop(m, i)) cycle
         if (k > 0) call switch_one(m, ev, t, i, k, list)
       end do
-      call watch_roots(m, ev, q, v, g, rate, zero)
+      call watch_roots(m, ev, g, rate, zero)
       down = g < -zero .and. rate < 0.0_wp
       ok = .not. any(down)
       if (ok) return
@@ -128,6 +124,13 @@ contains
     ev%switches%memory(i) = event%memory
     if (i <= m%s%stops) call list%add(event)   ! a corner that a function of motion passes is no news
   end subroutine switch_one
+
+  !> Whether an element is a rigid stop, which `impacts` passes.
+  pure logical function is_rigid_stop(m, i) result(yes)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: i                  !! its number among those that switch
+    yes = m%s%forces(m%s%switching(i))%item%row > 0
+  end function is_rigid_stop
 
   !> The name of an element.
   pure function element_name(m, i) result(name)

@@ -167,7 +167,6 @@ contains
     real(wp), allocatable :: reactions(:), steady(:), force(:)
     integer :: nq
     nq = run%sys%m%s%nq
-    call set_frames(run%sys%m, run%sys%ev, run%y(1:nq))
     call marker_kinematics(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq))
     call relax(run%sys, options%prestress, run%y)
     call evaluate_state(run%sys, options, run%y)

@@ -7,12 +7,12 @@ module mechanism_ode
   use border_rows, only: hold_weak_rows, light_shift, least_shift, strong_shift, stage_shift
   use controls, only: control_inputs, control_slopes, exchange_controls, pass_control_events, solve_controls, start_controls, &
                       watch_controls
-  use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values
+  use dynamics, only: evaluate, motion_state, set_frames, marker_kinematics, constraint_values
   use evaluation_settings, only: evaluation_options, at_side
   use evaluation_results, only: conditions_of, evaluation, powers_of
   use condensed_system, only: change_rows
-  use force_element, only: idle, by_position, idle, most_roots
-  use friction_states, only: comes_to_rest, motion_state, settle_friction
+  use force_element, only: idle, by_position, most_roots
+  use friction_states, only: comes_to_rest, settle_friction
   use friction_row, only: friction_model, row_stuck
   use friction_tally, only: joint_tally, exchange_friction
   use mechanism, only: mechanism_model
@@ -34,7 +34,8 @@ module mechanism_ode
   use switched_rows, only: slip_gaps
   use slipping, only: pressing
   use switch_tally, only: element_tally, exchange_tallies
-  use switching, only: event_list, switch_event, start_states, watch_roots, watch_rows, pass_events, exchange_states
+  use switching, only: event_list, switch_event, start_states, watch_roots, watch_rows, pass_events, exchange_states, &
+                       is_rigid_stop
   use stage_equations, only: stage_residual, factor_stages, stage_tangents
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed, &
                                       change_complex => change_rows
@@ -162,11 +163,7 @@ contains
     if (self%m%s%stops > 0) call begin_contacts(self, t, y, [(k, k=1, self%m%s%stops)], &
                                                 self%ev%switches%state(:self%m%s%stops) /= 0)
     call meet_rigid_stops(self, t, y, spread(.false., 1, self%roots))
-    do k = 1, self%events%count
-      associate (event => self%events%items(k))
-        call self%tally(event%element)%note_event(t, event%from, event%to)
-      end associate
-    end do
+    call count_events(self, t, 1)
     call self%hold_friction(t, y)
     do k = 1, size(self%friction)
       self%friction(k)%place = self%place_of(k)
@@ -187,19 +184,16 @@ contains
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    real(wp) :: same(size(y))
+    type(motion_state) :: at
     type(event_list) :: unheard
     type(impact_result) :: x
     integer :: k
     if (self%m%s%stop_rows == 0) return
-    same = y
     do k = 1, self%m%s%stops
-      if (self%m%s%forces(self%m%s%switching(k))%item%row > 0) self%ev%switches%state(k) = idle
+      if (is_rigid_stop(self%m, k)) self%ev%switches%state(k) = idle
     end do
-    associate (n => self%m%s%nq, i => 2*self%m%s%nq + self%m%s%nz, e => 2*self%m%s%nq + self%m%s%nz + self%m%s%nzd)
-      call pass_impacts(self%m, self%ev, self%options, t, same(1:n), same(n + 1:2*n), same(2*n + 1:i), same(i + 1:e), &
-                        spread(.false., 1, most_roots*self%m%s%elements), unheard, x)
-    end associate
+    at = motion_at(self, t, y)
+    call pass_impacts(self%m, self%ev, at, spread(.false., 1, most_roots*self%m%s%elements), unheard, x)
   end subroutine hold_stops
 
   !> Joints with friction stick or slip as at a state that no event has led to.
@@ -228,19 +222,18 @@ contains
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: left_limit       !! y is the end of a step
     real(wp), intent(out) :: g(:), rate(:), zero(:)   !! (roots) [any], [any/s], [any]
-    type(motion_state) :: at
     integer :: k
     k = self%roots - 2*size(self%m%s%controllers)
-    associate (nq => self%m%s%nq, nz => self%m%s%nz, n => most_roots*size(self%m%s%switching))
+    associate (nq => self%m%s%nq, nz => self%m%s%nz, nzd => self%m%s%nzd, n => most_roots*size(self%m%s%switching))
       if (size(self%m%s%switching_rows) > 0 .or. holds_stops(self)) then
-        at = motion_at(self, t, y)
-        call evaluate_branch(self%m, self%ev, at_side(self%options, left_limit), t, at%q, at%v, at%z, at%zd)
+        call evaluate_branch(self%m, self%ev, at_side(self%options, left_limit), t, y(1:nq), y(nq + 1:2*nq), &
+                             y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
         call watch_rows(self%m, self%ev, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
         self%unsettled = comes_to_rest(self%m, self%ev)
       end if
-      if (n > 0) call watch_roots(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), g(:n), rate(:n), zero(:n))
-      call watch_controls(self%m, self%ev, t, left_limit, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), g(k + 1:), rate(k + 1:), &
-                          zero(k + 1:))
+      if (n + size(self%m%s%controllers) > 0) call marker_kinematics(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
+      call watch_roots(self%m, self%ev, g(:n), rate(:n), zero(:n))
+      call watch_controls(self%m, self%ev, t, left_limit, y(2*nq + 1:2*nq + nz), g(k + 1:), rate(k + 1:), zero(k + 1:))
     end associate
   end subroutine find_roots
 
@@ -274,7 +267,7 @@ contains
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: fallen(:)        !! (roots)
     logical, intent(out) :: ok
-    integer :: k, n
+    integer :: n
     ok = .true.
     n = self%roots - 2*size(self%m%s%controllers)
     associate (nq => self%m%s%nq, nz => self%m%s%nz)
@@ -286,16 +279,25 @@ contains
                                                  fallen(:most_roots*size(self%tally)), self%events, ok)
     end associate
     ok = ok .and. self%conflict == 0
-    do k = n + 1, self%events%count
-      associate (event => self%events%items(k))
-        call self%tally(event%element)%note_event(t, event%from, event%to)
-      end associate
-    end do
+    call count_events(self, t, n + 1)
     call choose_rows(self)
     call begin_contacts(self, t, y, self%events%items(n + 1:self%events%count)%element, &
                         self%events%items(n + 1:self%events%count)%from == 0)
     if (ok .and. size(self%m%s%switching_rows) > 0) call resolve_friction(self, t, y, fallen, ok)
   end subroutine resolve_events
+
+  !> Counts the events of force elements since one of the list.
+  subroutine count_events(self, t, first)
+    class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    integer, intent(in) :: first            !! its number
+    integer :: k
+    do k = first, self%events%count
+      associate (event => self%events%items(k))
+        call self%tally(event%element)%note_event(t, event%from, event%to)
+      end associate
+    end do
+  end subroutine count_events
 
   !> Passes the rigid stops that are touched.
   subroutine meet_rigid_stops(self, t, y, fallen)
@@ -303,12 +305,15 @@ contains
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: fallen(:)        !! (roots)
+    type(motion_state) :: at
     type(impact_result) :: x
     logical :: ok
     integer :: k
     if (self%m%s%stop_rows == 0) return
+    at = motion_at(self, t, y)
     associate (n => self%m%s%nq, i => 2*self%m%s%nq + self%m%s%nz, e => 2*self%m%s%nq + self%m%s%nz + self%m%s%nzd)
-      call pass_impacts(self%m, self%ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:e), fallen, self%events, x)
+      call pass_impacts(self%m, self%ev, at, fallen, self%events, x)
+      y(n + 1:2*n) = at%v
       self%conflict = x%conflict
       if (.not. x%any) return
       ok = .true.
@@ -318,7 +323,7 @@ contains
       y(e + 2) = y(e + 2) + x%work
       do k = 1, size(x%lost)
         y(e + 2 + k) = y(e + 2 + k) + x%lost(k)
-        if (self%m%s%forces(self%m%s%switching(k))%item%row > 0) call self%tally(k)%note_impact(x%impulse(k), x%flight(k))
+        if (is_rigid_stop(self%m, k)) call self%tally(k)%note_impact(x%impulse(k), x%flight(k))
       end do
     end associate
   end subroutine meet_rigid_stops
@@ -382,7 +387,7 @@ contains
     end if
     do i = 1, size(elements)
       if (.not. begins(i)) cycle
-      if (self%m%s%forces(self%m%s%switching(elements(i)))%item%row > 0) cycle
+      if (is_rigid_stop(self%m, elements(i))) cycle
       associate (k => self%m%s%switching(elements(i)))
         mass = mass_at(self%m, self%ev, k)
         call self%tally(elements(i))%note_contact(mass, time_of_contact(self%m, self%ev, k, mass))
@@ -397,7 +402,7 @@ contains
     integer :: k
     self%longest_step = minval([huge(1.0_wp), self%tally%longest])
     do k = 1, size(self%tally)              ! those of rigid stops are flights
-      if (self%m%s%forces(self%m%s%switching(k))%item%row > 0) cycle
+      if (is_rigid_stop(self%m, k)) cycle
       self%shortest_limit = min(self%shortest_limit, self%tally(k)%longest)
     end do
   end subroutine limit_steps
@@ -411,8 +416,8 @@ contains
     do i = 1, self%m%s%stops
       k = most_roots*(i - 1) + 1            ! the penetration
       associate (element => self%m%s%switching(i), state => self%ev%switches%state(i))
-        if (self%m%s%forces(element)%item%row > 0) call self%tally(i)%note_rigid(state, [g0(k), g1(k)])
-        if (state == 0 .or. self%m%s%forces(element)%item%row > 0) cycle
+        if (is_rigid_stop(self%m, i)) call self%tally(i)%note_rigid(state, [g0(k), g1(k)])
+        if (state == 0 .or. is_rigid_stop(self%m, i)) cycle
         call self%tally(i)%note_step(self%m, element, conditions_of(self%m, self%ev, element), .not. allocated(self%t), h, &
                                      [g0(k), g1(k)], [rate0(k), rate1(k)])
       end associate
@@ -443,7 +448,7 @@ contains
     do i = 1, size(self%tally)
       if (self%ev%switches%state(i) == idle) cycle
       associate (stop => self%m%s%forces(self%m%s%switching(i))%item)
-        if (stop%row > 0) cycle             ! rigid: nothing to follow
+        if (is_rigid_stop(self%m, i)) cycle ! nothing to follow
         longest = min(longest, self%tally(i)%graded(min(h, longest), order, stop%smoothness()))
       end associate
     end do
@@ -635,7 +640,6 @@ contains
     real(wp), intent(out) :: power(:)         !! as `powers_of` [W]
     associate (m => self%m, ev => self%ev)
       ev%options = at_side(self%options, .true.)
-      call set_frames(m, ev, q)
       call marker_kinematics(m, ev, q, v)
       if (size(m%s%constraints) > m%s%joints) call constraint_values(m, ev, ev%options, t)   ! rates of drives and rows that switch
       call find_powers(self%t, m, ev, t, v, lambda, z, zd, power)

@@ -7,7 +7,7 @@ module newton_equations
   use body_terms, only: body_residual
   use controls, only: control_states
   use elastic_columns, only: factor_blocks
-  use dynamics, only: set_frames, marker_kinematics, constraint_values, applied_forces
+  use dynamics, only: marker_kinematics, constraint_values, applied_forces
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -95,7 +95,6 @@ contains
     integer :: b, i, n, k
     ev%t = t
     ev%options = options
-    call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     call element_state(self, m, ev)
     call applied_forces(m, ev, options, t, self%element_z, self%element_zd)

@@ -4,7 +4,7 @@ module newton_results
   use kinds, only: wp
   use body, only: body_model
   use body_terms, only: body_equations
-  use dynamics, only: set_frames, marker_kinematics, applied_forces, drive_powers
+  use dynamics, only: marker_kinematics, applied_forces, drive_powers
   use elastic_operators, only: add_product, elastic_mass => mass_product
   use condensed_terms, only: term_product
   use evaluation_results, only: evaluation, powers_of
@@ -27,7 +27,6 @@ contains
     integer :: k, b
     if (size(self%terms) == 0) return
     if (any(self%terms%element > 0)) then
-      call set_frames(m, ev, q)
       call marker_kinematics(m, ev, q, v)
     end if
     call deform(self, m, q)

@@ -3,7 +3,7 @@
 module newton_start
   use kinds, only: wp
   use border_rows, only: hold_weak_rows, light_shift, least_shift
-  use dynamics, only: set_frames, marker_kinematics, constraint_values, row_rates
+  use dynamics, only: marker_kinematics, constraint_values, row_rates
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
   use joint_system, only: add_row_motion, velocity_terms
@@ -65,7 +65,6 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:), a(:), u(:)   !! (nq) [m, rad], rates, accelerations, [any]
     real(wp), intent(out), contiguous :: gap(:, 0:)          !! (rows, 0:2 or 0:3) [m], [m/s], [m/s2], [any]
     integer :: k
-    call set_frames(m, ev, q)
     call marker_kinematics(m, ev, q, v)
     call constraint_values(m, ev, ev%options, t)
     gap(:, 0) = ev%rows%phi
