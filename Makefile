@@ -44,7 +44,7 @@ FLAGS_once     = $(if $(filter release,$(BUILD)),$(ONCE))
 FLAGS          = $(STANDARD) $(FLAGS_$(BUILD))
 
 # what runs once a deck, or once an output: its time is not felt ("what a step costs" of `make bench` is the judge)
-NOT_ONCE   = analysis/transient/mechanism_ode system/linear/dynamic_stiffness
+NOT_ONCE   = $(addprefix analysis/transient/mechanism_,rates events ode) system/linear/dynamic_stiffness
 ONCE_PARTS = base/ deck/ build/ stability/ output/ analysis/ modes/ main. system/mechanism system/evaluation_results system/linear/ \
   model/history/ model/body/body_modes model/body/body_setup model/body/modal_reduction closing/assembly closing/redundancy
 
