@@ -14,6 +14,7 @@ module impacts
   use dynamics, only: evaluate_motion, motion_state
   use evaluation_results, only: evaluation, conditions_of, motion_of_row
   use force_element, only: by_position, most_roots, root_rounding, watched_roots
+  use friction_row, only: creeping, friction_model, row_slips, stopped
   use joint_response, only: apply_multipliers
   use joint_system, only: add_row_motion
   use lapack, only: dgesv
@@ -82,6 +83,7 @@ contains
     call find_responses(m, ev, c)
     call strike(m, ev, at%t, at%q, at%v, c, list, x)
     ev%switches%state(size(m%s%switching) + 1:) = others
+    if (any(x%impulse > 0.0_wp)) call slip_as_struck(m, ev)
     if (x%conflict == 0) then
       call evaluate_motion(m, ev, at)
       call find_responses(m, ev, c)
@@ -218,13 +220,29 @@ contains
         associate (n => c%element(i), weight => merge(m%s%size, 1.0_wp, m%s%forces(m%s%switching(c%element(i)))%item%angular))
           x%lost(n) = x%lost(n) - 0.5_wp*(after(i) + u(i))*impulse(i)
           x%impulse(n) = max(x%impulse(n), weight*impulse(i))
-          if (met(i) .and. .not. c%closed(i)) call list%add(switch_event(t, n, stop_open, c%side(i)*stop_rebound, -u(i)/weight))
+          if (c%closed(i) .or. u(i) >= -c%still - stopped*m%s%size) cycle   ! the rest is rounding
+          call list%add(switch_event(t, n, stop_open, c%side(i)*stop_rebound, -u(i)/weight))
         end associate
       end do
       c%fallen = c%fallen .and. c%closed
     end do
     x%conflict = c%element(minloc(u, 1))
   end subroutine strike
+
+  !> Joints with friction that move after an impact slip as they do, also those that stuck before.
+  subroutine slip_as_struck(m, ev)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    integer :: k
+    do k = 1, size(m%s%switching_rows)
+      select type (row => m%s%constraints(m%s%switching_rows(k))%item)
+      class is (friction_model)
+        associate (x => motion_of_row(m, ev, k))
+          if (abs(x%rate) > creeping*row%size) ev%switches%state(row%switch_number) = nint(sign(1.0_wp, x%rate))*row_slips
+        end associate
+      end select
+    end do
+  end subroutine slip_as_struck
 
   !> Closes the stops at which nothing moves any more and which are pressed; opens the others.
   subroutine close_stops(m, ev, t, before, c, list, x)

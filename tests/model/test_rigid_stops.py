@@ -268,3 +268,61 @@ def test_methods_keep_their_order_across_impacts(method, order, step, run_deck):
     for column, error in fine.items():
         if error > 0.0:
             assert order - 0.3 < np.log2(coarse[column] / error) < order + 0.8, column
+
+
+WALLS = """&scene gravity={9.81*sin(b)},{-9.81*cos(b)} /
+&parameter name='b' value=0.3 /
+&body name='b' mass=2.0 inertia=0.1 position={0.1*cos(b)},{0.1*sin(b)} angle={b} velocity={-0.3*cos(b)},{-0.3*sin(b)} /
+&joint name='rail' type='prismatic' body_a='b' direction={b} FRICTION /
+&stop name='wall' type='position' body_a='b' direction={b} lower=0.05 upper=0.2 restitution=RESTITUTION /
+&history name='h' kind='sine' amplitude=12.0 frequency=1.0 phase=3.0 /
+&force name='f' body='b' fx=1.0 axes='body' history='h' /
+&sensor name='x' quantity='position' body='b' /
+&transient method=METHOD t_end=3.0 output_step=0.02 /
+"""
+
+
+def test_a_stop_is_left_whenever_the_load_turns(run_deck):
+    """Nothing moves while a block is pressed on a wall: steps are no longer than a row, however small all errors are."""
+    run = run_deck(WALLS.replace("FRICTION", "").replace("RESTITUTION", "0").replace("METHOD", "'dopri5' tolerance=1e-6"))
+    left = [t for t, _, before, after, _ in events_of(run) if after == "open"]
+    assert left == pytest.approx((np.arange(2, 7) * np.pi - 3) / (2 * np.pi), abs=1e-9)
+
+
+def test_friction_and_rigid_stops_together(run_deck):
+    """Rebounds, rest at the wall by friction alone, shares of both: two methods have the same events, none of rounding."""
+    deck = WALLS.replace("FRICTION", "friction=0.2 friction_static=0.25").replace(" upper=0.2", "").replace("RESTITUTION", "0.5")
+    runs = [run_deck(deck.replace("METHOD", f"'{method}' tolerance=1e-10"), name=method) for method in ("dopri5", "radau")]
+    first, second = (events_of(run) for run in runs)
+    assert [words[1:4] for words in first] == [words[1:4] for words in second]
+    assert len(first) == 43
+    assert np.abs(np.array([words[0] for words in first]) - [words[0] for words in second]).max() < 1e-9
+    assert min(words[4] for words in first if "rebound" in words[3]) > 1e-9
+    for run in runs:
+        assert run.transient["energy_balance"] < 1e-8
+
+
+def test_an_impact_moves_a_body_that_friction_holds(run_deck):
+    """The impulse goes through the masses alone; the body that stuck slides v^2/(2 mu g), then sticks again."""
+    run = run_deck("""&scene gravity=0.0,-9.81 /
+&body name='a' mass=1.0 inertia=0.1 velocity=1.2,0.0 /
+&body name='b' mass=2.0 inertia=0.1 position=0.4,0.0 /
+&joint name='rail_a' type='prismatic' body_a='a' /
+&joint name='rail_b' type='prismatic' body_a='b' friction=0.1 friction_static=0.3 /
+&stop name='buffer' type='position' body_a='b' body_b='a' lower=0.1 restitution=0.8 /
+&sensor name='a' quantity='position' body='a' /
+&sensor name='b' quantity='position' body='b' /
+&sensor name='v' quantity='velocity' body='a' /
+&transient method='generalized_alpha' step=0.01 t_end=1.5 output_step=0.05 /
+""")
+    v = 1.8 * 1.2 / 3
+    assert [words[1:4] for words in events_of(run)] == [
+        ("buffer", "open", "lower_rebound"),
+        ("rail_b", "stuck", "forward"),
+        ("rail_b", "forward", "stuck"),
+    ]
+    assert [words[0] for words in events_of(run)] == pytest.approx([0.25, 0.25, 0.25 + v / 0.981], abs=1e-12)
+    assert run.history["b.x"][-1] == pytest.approx(0.4 + v**2 / 1.962, abs=1e-12)
+    assert run.history["v.x"][-1] == pytest.approx(1.2 - 2 * v, abs=1e-12)
+    assert run.transient["stops"][0]["lost"] == pytest.approx(0.5 * (1 - 0.8**2) * 1.2**2 / 1.5, rel=1e-12)
+    assert run.transient["energy_balance"] < 1e-12

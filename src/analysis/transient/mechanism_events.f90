@@ -8,7 +8,7 @@ module mechanism_events
   use evaluation_results, only: conditions_of
   use evaluation_settings, only: at_side
   use force_element, only: by_position, idle, most_roots
-  use friction_row, only: friction_model, row_stuck
+  use friction_row, only: friction_model, row_carried, row_stuck
   use friction_states, only: comes_to_rest, settle_friction
   use friction_tally, only: exchange_friction, joint_tally
   use impacts, only: impact_result, pass_impacts
@@ -69,6 +69,7 @@ contains
     call meet_rigid_stops(self, t, y, spread(.false., 1, self%roots))
     call count_events(self, t, 1)
     call self%hold_friction(t, y)
+    call limit_resting(self)
     do k = 1, size(self%friction)
       self%friction(k)%place = self%place_of(k)
     end do
@@ -161,8 +162,9 @@ contains
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: fallen(:)        !! (roots)
     logical, intent(out) :: ok
-    integer :: n
+    integer :: n, before(self%m%s%elements)
     ok = .true.
+    before = self%ev%switches%state
     n = self%roots - 2*size(self%m%s%controllers)
     associate (nq => self%m%s%nq, nz => self%m%s%nz)
       call pass_control_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), fallen(n + 1:))
@@ -177,7 +179,8 @@ contains
     call self%choose_rows()
     call begin_contacts(self, t, y, self%events%items(n + 1:self%events%count)%element, &
                         self%events%items(n + 1:self%events%count)%from == 0)
-    if (ok .and. size(self%m%s%switching_rows) > 0) call resolve_friction(self, t, y, fallen, ok)
+    if (ok .and. size(self%m%s%switching_rows) > 0) call resolve_friction(self, t, y, fallen, before, ok)
+    call limit_resting(self)
   end subroutine resolve_events
 
   !> Counts the events of force elements since one of the list.
@@ -223,14 +226,14 @@ contains
   end subroutine meet_rigid_stops
 
   !> Joints with friction after any event.
-  subroutine resolve_friction(self, t, y, fallen, ok)
+  subroutine resolve_friction(self, t, y, fallen, before, ok)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: fallen(:)        !! (roots)
+    integer, intent(in) :: before(:)        !! (elements that switch) states
     logical, intent(out) :: ok
-    integer :: before(self%m%s%elements), k
-    before = self%ev%switches%state
+    integer :: k
     k = most_roots*self%m%s%elements
     call settle_friction(self%m, self%ev, self%motion_at(t, y), fallen(most_roots*size(self%tally) + 1:k), ok)
     do k = size(self%tally) + 1, self%m%s%elements
@@ -247,7 +250,7 @@ contains
     if (self%has_manifold .and. .not. self%fault) call self%project(t, y, ok)
   end subroutine resolve_friction
 
-  !> Whether there are states of the joints with friction, and one motion with them; steps are limited while one sticks.
+  !> Whether there are states of the joints with friction, and one motion with them.
   subroutine judge_friction(self, settled)
     class(switching_mechanism), intent(inout) :: self
     logical, intent(in) :: settled
@@ -256,13 +259,17 @@ contains
       self%pressing(k) = pressing(self%m, self%ev, k, .true.)
     end do
     self%fault = .not. settled .or. any(self%pressing >= 1.0_wp)
-    call limit_resting(self)
   end subroutine judge_friction
 
-  !> A load on joints that stick is looked at in steps of the output at least.
+  !> A load that joints or rigid stops hold is looked at in steps of the output at least.
   subroutine limit_resting(self)
     class(switching_mechanism), intent(inout) :: self
-    self%resting_step = merge(self%output_step, huge(1.0_wp), any(self%ev%switches%state(size(self%tally) + 1:) == row_stuck))
+    logical :: holds
+    holds = holds_stops(self)
+    associate (state => self%ev%switches%state(size(self%tally) + 1:))
+      holds = holds .or. any(state == row_stuck .or. abs(state) == row_carried)
+    end associate
+    self%resting_step = merge(self%output_step, huge(1.0_wp), holds)
   end subroutine limit_resting
 
   !> How long contacts take that have just begun decides on the steps that follow.
@@ -361,10 +368,10 @@ contains
     call exchange_tallies(self%tally, a)
     call self%choose_rows()
     call exchange_friction(self%friction, a)
+    call limit_resting(self)
     if (.not. allocated(self%pressing)) return
     call a%exchange(self%pressing)
     call a%exchange(self%turn)
-    call limit_resting(self)
   end subroutine exchange_switches
 
   !> What implicit methods have to do where states have changed; explicit ones have nothing.
