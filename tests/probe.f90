@@ -173,7 +173,7 @@ contains
         call energies(m, ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd), kinetic, &
                       potential, strain)
         call show('energy', [kinetic, potential])
-        call show('power', [ev%dissipated_power, ev%input_power])
+        call show('power', [ev%dissipated_power + sum(ev%loss), ev%input_power])
       end associate
       if (word == 'linear') call matrices(y)
       write (*, '(a)') 'end'

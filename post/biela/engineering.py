@@ -24,7 +24,7 @@ WAYS = {
     ("spring", "f"): ("largest force of spring, {}", ("f",)),
     ("stop", "f"): ("largest force of stop, {}", ("f",)),
 }  # by kind of sensor and column: in words, and the parts of the vector; of moments the larger one
-LOSSES = ("stops", "friction")  # of energy.txt: parts of what is dissipated
+LOSSES = {"stops": "stop {}", "friction": "friction of joint {}"}  # lists of the summary, and what their items are called
 
 
 def _peak(time: np.ndarray, size: np.ndarray, unit: str) -> str:
@@ -80,31 +80,37 @@ def of_drives(table: History, scene: dict, deck: deck_text.DeckText, motion: Mec
 
 
 def of_energy(table: History, transient: dict) -> Iterator[tuple[str, str]]:
-    """Yield largest kinetic energy, losses, each with its share of all where there are several, and work.
+    """Yield largest kinetic energy, what was lost by each cause, the largest first, with its share, and work.
 
     Args:
         table: of energies
-        transient: figures of the run, whose lists tell what each stop and each joint with friction has lost
+        transient: figures of the run, whose lists tell what each cause has lost
     """
     if np.any(table["kinetic"]):
         yield "largest kinetic energy", _peak(table.time, table["kinetic"], "J")
-    lost = losses(table)
-    for name, energy in lost.items():
-        share = f", {100.0 * energy / table['dissipated'][-1]:.3g} % of all" if len(lost) > 1 else ""
-        yield f"energy lost in {name}", f"{energy:.4g} J{share}"
-        items = [(one["name"], one["lost"]) for one in transient.get(name, []) if one.get("lost")]
-        for element, part in sorted(items, key=lambda one: -abs(one[1])) if len(items) > 1 else []:
-            yield f"energy lost in {name}, {element}", f"{part:.4g} J, {100.0 * part / table['dissipated'][-1]:.3g} % of all"
+    lost = losses(table, transient)
+    whole = float(table["dissipated"][-1])
+    for cause, parts in sorted(lost.items(), key=lambda one: -abs(sum(one[1].values()))):
+        energy = sum(parts.values())
+        share = f", {100.0 * energy / whole:.3g} % of all" if len(lost) > 1 else ""
+        terms = ": " + ", ".join(f"{term} {part:.3g} J" for term, part in parts.items()) if len(parts) > 1 else ""
+        yield f"energy lost in {cause}", f"{energy:.4g} J{share}{terms}"
     if np.any(table["work"]):
         yield "work of drives and loads", f"{table['work'][-1]:.4g} J"
 
 
-def losses(table: History) -> dict[str, float]:
-    """Return what was lost until the end in damping, in stops and in the friction of joints [J], each where it is not zero."""
-    parts = {name: float(table[name][-1]) for name in LOSSES if name in table}
-    damping = float(table["dissipated"][-1]) - sum(parts.values())
+def losses(table: History, transient: dict) -> dict[str, dict[str, float]]:
+    """Return what each cause has lost by the end [J], its parts by name: terms of a material. Zeros and rounding are left out."""
+    found: dict[str, dict[str, float]] = {}
+    for one in transient.get("losses", []):
+        cause = f"spring {one['spring']}" if "spring" in one else f"material {one['material']}"
+        found.setdefault(cause, {})[f"{one['kind']} term {one['term']}" if "term" in one else ""] = one["lost"]
+    for kind, words in LOSSES.items():
+        found |= {words.format(one["name"]): {"": one["lost"]} for one in transient.get(kind, []) if one.get("lost")}
+    known = sum(sum(parts.values()) for parts in found.values())
+    found["Rayleigh damping"] = {"": float(table["dissipated"][-1]) - known}
     rounding = 1e-9 * float(np.abs(table["dissipated"]).max())
-    return {name: energy for name, energy in {"damping": damping, **parts}.items() if abs(energy) > rounding}
+    return {cause: parts for cause, parts in found.items() if abs(sum(parts.values())) > rounding}
 
 
 def of_modes(figures: dict) -> Iterator[tuple[str, str]]:

@@ -13,7 +13,8 @@ module build_scene
   use deck_records, only: deck
   use internal_variables, only: internal_state
   use number_range, only: judge_laws, judge_distances
-  use scene_model, only: scene
+  use scene_model, only: loss_cause, scene
+  use springs, only: spring_model
   implicit none (type, external)
   private
   public :: build, make_elements, place_elements, number_internal
@@ -144,8 +145,37 @@ contains
       s%controllers(k)%first = s%nz
       s%nz = s%nz + s%controllers(k)%states
     end do
-    s%ny = 2*s%nq + s%nz + s%nzd + 2 + s%elements
+    call number_losses(s)
+    s%quadratures = 2 + s%elements + size(s%losses)
+    s%ny = 2*s%nq + s%nz + s%nzd + s%quadratures
   end subroutine number_internal
+
+  !> Lists what dissipates by itself: terms of the materials that bodies have, and springs with damping.
+  pure subroutine number_losses(s)
+    type(scene), intent(inout) :: s
+    integer :: first(size(s%materials))         ! place before each material's terms, < 0: no body has it
+    integer :: b, r, k
+    s%losses = [loss_cause ::]
+    first = -1
+    do b = 1, size(s%bodies)
+      do r = 1, size(s%bodies(b)%segments)
+        associate (segment => s%bodies(b)%segments(r), place => first(s%bodies(b)%segments(r)%material))
+          if (place < 0) then
+            place = size(s%losses)
+            s%losses = [s%losses, (loss_cause(material=segment%material, term=k), k=1, size(segment%law%alpha))]
+          end if
+          segment%losses = place
+        end associate
+      end do
+    end do
+    s%term_losses = size(s%losses)
+    do k = 1, s%springs
+      select type (f => s%forces(k)%item)
+      class is (spring_model)
+        if (f%damping > 0.0_wp .or. size(f%law%alpha) > 0) s%losses = [s%losses, loss_cause(spring=k)]
+      end select
+    end do
+  end subroutine number_losses
 
   !> Gives the internal variables of one segment or force element the next numbers.
   pure subroutine number_terms(s, variables)

@@ -1,7 +1,7 @@
 !> A whole scene as the solver sees it: bodies, markers, constraints, springs, loads, and where each one's unknowns stand in the
 !> state. State: q (x, y, angle, elastic coordinates, body after body), v (their rates), z (internal variables: those of second
 !> order, bodies then springs, those of first order, states of controllers), z' of those of second order, then dissipated energy,
-!> work, and what each element that switches dissipates.
+!> work, and what dissipates by itself: each element that switches, each term of a material, each damped spring.
 module scene_model
   use kinds, only: wp
   use body, only: body_model
@@ -11,6 +11,13 @@ module scene_model
   use force_element, only: force_box
   implicit none (type, external)
   private
+
+  !> What dissipates energy that is told by itself: a term of a material in all bodies, or a spring.
+  type, public :: loss_cause
+    integer :: material = 0
+    integer :: term = 0                         !! of the material's law
+    integer :: spring = 0                       !! its number among the force elements, 0: a material's term
+  end type loss_cause
 
   !> The scene.
   type, public :: scene
@@ -34,12 +41,15 @@ module scene_model
     type(controller_model), allocatable :: controllers(:)
     integer, allocatable :: switching(:)        !! those of them that have discrete states: stops, then functions of motion
     integer :: elements = 0                     !! that have such: these, then the rows that switch
+    type(loss_cause), allocatable :: losses(:)  !! terms of materials, then springs
+    integer :: term_losses = 0                  !! how many of them are terms of materials
     integer, allocatable :: loaded(:)           !! markers on bodies where springs and loads act, body after body
     integer, allocatable :: loaded_first(:)     !! (nb+1) first entry of each body in it
     integer :: nq = 0                           !! coordinates
     integer :: nz = 0                           !! internal variables
     integer :: nzd = 0                          !! those of second order, which come first and have rates in the state
     integer :: rows = 0                         !! constraint rows
+    integer :: quadratures = 2                  !! energies at the end of the state
     integer :: ny = 0                           !! length of the state
     real(wp), allocatable :: q0(:)              !! (nq) the deck's positions [m, rad]
     real(wp), allocatable :: v0(:)              !! (nq) the deck's velocities [m/s, rad/s]

@@ -42,6 +42,7 @@ contains
     ev%options = options
     call marker_kinematics(self, ev, q, v)
     ev%dissipated_power = 0.0_wp
+    ev%loss = 0.0_wp
     ev%input_power = 0.0_wp
     call applied_forces(self, ev, options, t, z, zd)
     call condense_bodies(self, ev, options%gravity, q, v, z, zd)

@@ -83,7 +83,8 @@ module evaluation_results
     real(wp), allocatable :: zdd(:)             !! (nz) highest derivatives of internal variables [m/s2, rad/s2], [m/s, rad/s]
     real(wp), allocatable :: lambda_change(:)   !! (rows) correction of the multipliers, or work [N]
     real(wp), allocatable :: change(:)          !! (nq) correction of the accelerations, or work [m/s2, rad/s2]
-    real(wp) :: dissipated_power = 0.0_wp       !! [W]
+    real(wp) :: dissipated_power = 0.0_wp       !! by force elements and Rayleigh damping [W]
+    real(wp), allocatable :: loss(:)            !! (term losses) power dissipated by each term of each material [W]
     real(wp) :: input_power = 0.0_wp            !! of loads and drives [W]
     logical :: broken = .false.                 !! a condensed mass matrix lost positive definiteness
     integer(ip) :: evaluations = 0              !! right-hand sides so far
@@ -130,6 +131,7 @@ contains
     allocate (ev%wrench(3, size(m%s%markers)), ev%lambda(m%s%rows), ev%lambda_change(m%s%rows), ev%a(m%s%nq), &
               ev%change(m%s%nq), ev%zdd(m%s%nz), source=0.0_wp)
     allocate (ev%control(size(m%s%controllers)))
+    allocate (ev%loss(m%s%term_losses), source=0.0_wp)
     allocate (ev%switches%state(m%s%elements), source=by_position)
     allocate (ev%switches%memory(m%s%elements), source=0.0_wp)
     call ev%p%allocate(size(m%s%markers))
@@ -200,13 +202,14 @@ contains
     if (m%s%forces(k)%item%row > 0) with%multiplier = ev%lambda(m%s%forces(k)%item%row)
   end function conditions_of
 
-  !> What the state integrates: power dissipated by all, put in, and dissipated by each element that switches, also by friction.
+  !> What the state integrates: power dissipated by all, put in, and dissipated by each element that switches, also by friction,
+  !> by each term of each material and by each damped spring.
   pure subroutine powers_of(m, ev, power)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(out) :: power(:)           !! (2 + elements) [W]
+    real(wp), intent(out) :: power(:)           !! (quadratures) [W]
     integer :: k, n
-    power(1) = ev%dissipated_power
+    power(1) = ev%dissipated_power + sum(ev%loss)
     power(2) = ev%input_power
     do k = 1, size(m%s%switching)
       power(2 + k) = ev%action(m%s%switching(k))%dissipated
@@ -217,6 +220,11 @@ contains
         power(n + k) = merge(ev%lambda(i)*x%rate, 0.0_wp, ev%rows%off(i))
       end associate
       power(1) = power(1) + power(n + k)
+    end do
+    n = 2 + m%s%elements
+    power(n + 1:n + m%s%term_losses) = ev%loss
+    do k = m%s%term_losses + 1, size(m%s%losses)
+      power(n + k) = ev%action(m%s%losses(k)%spring)%dissipated
     end do
   end subroutine powers_of
 end module evaluation_results

@@ -60,6 +60,40 @@ def test_residual_has_the_methods_order(run_deck):
     assert np.ptp(energy["work"]) > 1e-2
 
 
+LOSSES = """&scene title='a rod that a slow force bends at a damped hinge' gravity=0.0,0.0 /
+&section name='s' area=1.0e-4 inertia=1.0e-9 /
+&material name='m' density=1000.0 young=1.0e9 ghm_alpha=0.4,0.2 ghm_zeta=1.5,0.8 ghm_omega=60.0,15.0
+  prony_alpha=0.3 prony_tau=0.05 /
+&body name='b' kind='beam' section='s' material='m' length=0.5 elements=2 axial=.false. modes={modes} /
+&joint name='a' type='revolute' body_a='b' node_a=1 /
+&spring name='hinge' type='torsional' body_a='b' node_a=1 stiffness=20.0 damping=0.3 /
+&history name='h' kind='sine' amplitude=1.0 frequency=2.0 /
+&force name='f' type='force' body='b' node=-1 fy=1.0 history='h' axes='section' /
+&sensor name='turn' quantity='spring' spring='hinge' /
+&transient t_end=2.0 method={method} output_step=5.0e-3 /
+"""
+
+
+@pytest.mark.parametrize("modes", [0, 1])
+def test_losses_by_term_and_spring(modes, run_deck):
+    """Of one vibration terms lose energy as their parts of the loss modulus stand to each other, a dashpot c times rate squared."""
+    deck = LOSSES.format(method="'rk4' step=1.0e-3" if modes else "'radau' tolerance=1.0e-6", modes=modes).replace(" modes=0", "")
+    first, last = (run_deck(deck.replace("t_end=2.0", f"t_end={end}"), name=f"t{end}") for end in (1.0, 2.0))
+    lost = np.array([one["lost"] for one in last.transient["losses"]])
+    assert lost.sum() == pytest.approx(last.energy["dissipated"][-1], rel=1e-12)
+    assert last.transient["losses"][-1]["spring"] == "hinge"
+    assert [(one["kind"], one["term"]) for one in last.transient["losses"][:-1]] == [("GHM", 1), ("GHM", 2), ("Maxwell", 1)]
+    lost -= [one["lost"] for one in first.transient["losses"]]
+    s = 2j * np.pi * 2.0
+    terms = [(0.4, 60.0, 1.5), (0.2, 15.0, 0.8)]
+    parts = [(a * (s**2 + 2 * z * w * s) / (s**2 + 2 * z * w * s + w**2)).imag for a, w, z in terms]
+    parts.append((0.3 * 0.05 * s / (1 + 0.05 * s)).imag)
+    assert lost[:3] / lost[:3].sum() == pytest.approx(np.array(parts) / sum(parts), rel=1e-3)
+    table = last.history
+    rate = np.gradient(table["turn.d"], table.time)[table.time >= 1.0]
+    assert lost[3] == pytest.approx(0.3 * (rate**2).mean(), rel=1e-2)
+
+
 @pytest.mark.parametrize("scene", [*VRL, "andrews"])
 def test_residual_of_reference_scenes(scene, run_deck):
     """At least order 4 (undamped oscillations lose energy with order 5), and small."""

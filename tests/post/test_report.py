@@ -102,7 +102,7 @@ def test_what_a_designer_asks_comes_first(run_deck):
     found = report_tool.findings(run)
     assert re.fullmatch(r"2 N m at t = \S+ s; mean 2 N m", found["torque of drive motor"])
     assert re.fullmatch(r"6 W at t = \S+ s; energy 6 J", found["power of drive motor"])
-    assert (found["work of drives and loads"], found["energy lost in damping"]) == ("6 J", "6 J")
+    assert (found["work of drives and loads"], found["energy lost in spring d"]) == ("6 J", "6 J")
     assert "largest force, p" not in found, "rounding"
     first = report_tool.results([run])
     assert first.parts[-1].pictures[0].caption == "arm: modulus of material rubber"

@@ -70,7 +70,7 @@ contains
                     self%strain)
       call violations(m, ev, x(6), x(7))
       x(3:4) = y(2*nq + nz + nzd + 1:2*nq + nz + nzd + 2)
-      associate (each => y(2*nq + nz + nzd + 3:), stops => m%s%stops, n => size(m%s%switching))
+      associate (each => y(2*nq + nz + nzd + 3:2*nq + nz + nzd + 2 + m%s%elements), stops => m%s%stops, n => size(m%s%switching))
         self%columns = 7 + merge(1, 0, stops > 0) + merge(1, 0, size(each) > n)
         x(9) = sum(each(n + 1:))
         x(8) = merge(sum(each(:stops)), x(9), stops > 0)

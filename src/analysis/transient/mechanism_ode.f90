@@ -73,7 +73,7 @@ contains
     self%nzd = self%m%s%nzd
     self%linear = sum(self%m%s%controllers%states)
     self%rows = self%m%s%rows
-    self%quadratures = 2 + self%m%s%elements
+    self%quadratures = self%m%s%quadratures
     self%blocks = count(self%m%s%bodies%flexible)
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%stages)) deallocate (self%stages)

@@ -7,6 +7,7 @@ module transient_summary
   use scene_run, only: run_state, warn
   use step_counts, only: actual_step
   use friction_words, only: friction_lines
+  use loss_words, only: loss_lines
   use stop_words, only: stop_lines
   use summary, only: add_warnings
   use summary_text, only: summary_record
@@ -55,6 +56,7 @@ contains
     end associate
     call stop_lines(run, march, text)
     call friction_lines(run, text)
+    call loss_lines(run, text)
     call accuracy_lines(run, march, status == status_failed, text)
     call validity_lines(run, status, text)
     call text%close()

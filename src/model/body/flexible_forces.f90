@@ -13,7 +13,7 @@ contains
 
   !> Adds to w%force theta'^2 m q + 2 theta' Z q' - dV/dq - C q' - GHM and to w%coupling -Z q (theory.md, section 3).
   !> On entry w%q, w%v hold the coordinates and rates.
-  subroutine elastic_forces(b, segments, z, zd, thetad, w, zdd, qmq, qmv, moment, power)
+  subroutine elastic_forces(b, segments, z, zd, thetad, w, zdd, qmq, qmv, moment, loss, power)
     type(body_model), intent(in) :: b       !! the body or one like it: constants read for many bodies
     type(viscoelastic_segment), intent(in) :: segments(:)   !! the body's own
     real(wp), intent(in) :: z(*), zd(*)     !! (nz) internal variables, (nzd) rates of those of second order [m, rad] and per s
@@ -22,14 +22,16 @@ contains
     real(wp), intent(inout) :: zdd(*)       !! (nz) their highest derivatives [m/s2, rad/s2], [m/s, rad/s]
     real(wp), intent(out) :: qmq, qmv       !! q^T m q [kg m2] and q^T m q' [kg m2/s], translational part of m_ff
     real(wp), intent(out) :: moment         !! turned . (elastic forces and damping that motion asks for) [N m]
-    real(wp), intent(out) :: power          !! dissipated by viscoelastic terms and Rayleigh damping [W]
+    real(wp), intent(inout) :: loss(*)      !! power dissipated by each term of each material [W]
+    real(wp), intent(out) :: power          !! dissipated by Rayleigh damping [W]
     integer :: r
     power = 0.0_wp
     call b%basis%deform(b, w%q, w%d)
     call copy_values(size(w%d), w%d, w%ds)
     do r = 1, size(segments)
       associate (segment => segments(r))
-        call segment%follow(segment%width, w%d(1, segment%first), z, zd, zdd, w%ds(1, segment%first), power)
+        call segment%follow(segment%width, w%d(1, segment%first), z, zd, zdd, w%ds(1, segment%first), 1, &
+                            loss(segment%losses + 1))
       end associate
     end do
     call b%basis%add_forces(b, thetad, w, qmq, qmv)

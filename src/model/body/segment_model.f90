@@ -9,7 +9,8 @@ module segment_model
   !> With the stiffness that the terms multiply: of each element, or of all modes.
   type, extends(internal_state), public :: viscoelastic_segment
     integer :: first = 0, last = 0            !! columns of the body's deformations: elements; of modes, one a material
-    integer :: material = 0                   !! index of the material, for messages
+    integer :: material = 0                   !! index of the material
+    integer :: losses = 0                     !! what its terms dissipate follows this place among the scene's losses
     real(wp), allocatable :: ea_l(:)          !! elements: E_R A/l, empty without axial deformation [N/m]
     real(wp), allocatable :: ei_l(:)          !! elements: E_R I/l [N m]
     real(wp), allocatable :: stiffness(:, :)  !! modes (k x k) [rad2/s2]

@@ -57,12 +57,13 @@ contains
     real(wp), intent(in) :: zd(*)          !! (nzd) rates of those of second order [m/s, rad/s]
     real(wp), intent(inout) :: zdd(*)      !! (nz) their highest derivatives [m/s2, rad/s2], [m/s, rad/s]
     type(element_action), intent(inout) :: x
-    real(wp) :: d(1), ds(1), dd, e(3), f, h(0:2)
+    real(wp) :: d(1), ds(1), dd, e(3), f, h(0:2), lost(1)
     call self%deformation(p, d(1), dd, e)
     d = d - self%unprestressed(with%prestress)
     ds = d
-    x%dissipated = self%damping*dd**2
-    if (size(self%law%alpha) > 0) call self%follow(1, d, z, zd, zdd, ds, x%dissipated)
+    lost = self%damping*dd**2
+    if (size(self%law%alpha) > 0) call self%follow(1, d, z, zd, zdd, ds, 0, lost)
+    x%dissipated = lost(1)
     if (allocated(self%history)) then
       h = self%history_value(with, d(1))
       f = h(0) + self%damping*dd

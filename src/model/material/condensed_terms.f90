@@ -19,6 +19,7 @@ module condensed_terms
     integer :: last = 0                      !! and the last
     integer :: body = 0, segment = 0         !! whose, or
     integer :: element = 0                   !! force element
+    integer :: loss = 0                      !! of a body's term: where the scene's losses have what it dissipates
     real(wp) :: alpha = 0.0_wp               !! weight [-]
     real(wp) :: viscosity = 0.0_wp           !! [s]
     real(wp) :: inertia = 0.0_wp             !! 0: the term is of first order [s2]
@@ -38,7 +39,7 @@ contains
       do b = 1, size(s%bodies)
         do r = 1, size(s%bodies(b)%segments)
           associate (segment => s%bodies(b)%segments(r))
-            call add_terms(segment, kind == 2, condensed_term(body=b, segment=r), terms, n)
+            call add_terms(segment, kind == 2, condensed_term(body=b, segment=r, loss=segment%losses), terms, n)
           end associate
         end do
       end do
@@ -65,6 +66,7 @@ contains
         terms(n) = owner
         terms(n)%first = variables%start(k) + 1
         terms(n)%last = variables%start(k) + variables%width
+        terms(n)%loss = owner%loss + k
         terms(n)%alpha = law%alpha(k)
         terms(n)%viscosity = law%viscosity(k)
         terms(n)%inertia = law%inertia(k)

@@ -41,26 +41,29 @@ contains
     if (k > self%law%second) start = self%first_order + (k - 1 - self%law%second)*self%width
   end function start
 
-  !> Highest derivatives of the variables; adds their differences alpha (d - z) to ds and what they dissipate to the power.
-  pure subroutine follow(self, n, d, z, zd, zdd, ds, power)
+  !> Highest derivatives of the variables; adds their differences alpha (d - z) to ds, what they dissipate to the power.
+  pure subroutine follow(self, n, d, z, zd, zdd, ds, apart, power)
     class(internal_state), intent(in) :: self
     integer, intent(in) :: n                  !! coordinates of one term
     real(wp), intent(in) :: d(n)              !! deformations [m, rad]
     real(wp), intent(in) :: z(*), zd(*)       !! (nz), (nzd) of the scene [m, rad], [m/s, rad/s]
     real(wp), intent(inout) :: zdd(*)         !! (nz) [m/s2, rad/s2], [m/s, rad/s]
     real(wp), intent(inout) :: ds(n)          !! [m, rad]
-    real(wp), intent(inout) :: power          !! [W]
-    integer :: k, o
+    integer, intent(in) :: apart              !! 1: the power of each term apart, 0: of all together
+    real(wp), intent(inout) :: power(*)       !! [W]
+    integer :: k, o, i
     associate (law => self%law, m => self%law%second, first => self%law%first)
       do k = 1, m
         o = self%offset + (k - 1)*n + 1
         call follow_with_inertia(n, law%alpha(k), law%viscosity(k), law%inertia(k), d, z(o), zd(o), zdd(o), ds)
-        power = power + law%alpha(k)*law%viscosity(k)*self%product(n, zd(o), zd(o))
+        i = 1 + apart*(k - 1)
+        power(i) = power(i) + law%alpha(k)*law%viscosity(k)*self%product(n, zd(o), zd(o))
       end do
       do k = m + 1, m + first
         o = self%first_order + (k - m - 1)*n + 1
         call follow_without(n, law%alpha(k), law%viscosity(k), d, z(o), zdd(o), ds)
-        power = power + law%alpha(k)*law%viscosity(k)*self%product(n, zdd(o), zdd(o))
+        i = 1 + apart*(k - 1)
+        power(i) = power(i) + law%alpha(k)*law%viscosity(k)*self%product(n, zdd(o), zdd(o))
       end do
     end associate
   end subroutine follow

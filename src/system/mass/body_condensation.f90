@@ -76,7 +76,7 @@ contains
       p = body%i1 + sq
       hp = body%shape%rest_i1 + turn(sq)
       call elastic_forces(body, self%s%bodies(b)%segments, z, zd, thetad, w, ev%zdd, qmq, qmv, moment, &
-                          power)
+                          ev%loss, power)
       ev%dissipated_power = ev%dissipated_power + power
       ev%frame%first_moment(:, b) = p
       ev%frame%rhs(1, b) = body%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)

@@ -117,12 +117,13 @@ contains
     real(wp), intent(out) :: power(:)                         !! as `powers_of` [W]
     integer :: k, b, i, n
     ev%dissipated_power = 0.0_wp
+    ev%loss = 0.0_wp
     ev%input_power = 0.0_wp
     call applied_forces(m, ev, ev%options, t, z, zd)
     do k = 1, size(self%terms)
       associate (s => self%terms(k))
-        if (s%body > 0) ev%dissipated_power = ev%dissipated_power + s%alpha*s%viscosity &
-                                             *term_product(s, m%s, zd(s%first:s%last), zd(s%first:s%last))
+        if (s%body > 0) ev%loss(s%loss) = ev%loss(s%loss) + s%alpha*s%viscosity &
+                                          *term_product(s, m%s, zd(s%first:s%last), zd(s%first:s%last))
       end associate
     end do
     do b = 1, size(self%eq)
