@@ -11,13 +11,15 @@ module complex_modes
   use pole_check, only: check_undamped, check_whole, describe_searched
   use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, pole_change
   use process, only: caught_signal
-  use reduced_system, only: reduced_model, reduced_poles
+  use reduced_system, only: reduced_model, reduced_poles, usual_unknowns
   implicit none (type, external)
   private
   public :: find_modes
 
   integer, parameter :: spare_modes = 20               !! motions beside two for each mode that is asked for
   integer, parameter :: spare_motions = 40             !! likewise: a system that has no more is solved as a whole
+  integer, parameter :: coupled_motions = 140          !! likewise where gyroscopic terms or an unsymmetric K couple all motions
+  integer, parameter :: coupled_unknowns = 1000        !! likewise: unknowns of first order that are solved at once
   real(wp), parameter :: largest_residual = 1.0e-7_wp  !! residual of a pole [-]
   real(wp), parameter :: short_step = 0.04_wp          !! of the growing damping, where poles of coupled modes may meet [-]
   real(wp), parameter :: root_spread = 0.01_wp         !! distance of the two values of a double root, over its modulus [-]
@@ -59,7 +61,7 @@ contains
     wanted = min(asked, freedoms)
     if (wanted == 0) modes%note_undamped = 'undamped modes: none'
     if (wanted == 0) return
-    all_motions = freedoms <= 2*wanted + spare_motions
+    all_motions = freedoms <= 2*wanted + merge(spare_motions, coupled_motions, ds%symmetric)
     call lowest_natural_modes(ds, merge(wanted, wanted + spare_modes/2, ds%symmetric .or. all_motions), all_motions, omega2, x, ok)
     if (ok .and. .not. (ds%symmetric .or. all_motions)) call lowest_motions(ds, x, ok)
     if (ok) call undamped_starts(ds, omega2, x, merge(0, wanted, all_motions), s, ok)
@@ -71,7 +73,7 @@ contains
     if (.not. ds%damped) return
     s%listed = maxval([0, modes%mode])
     call span_modes(ds, s)
-    call s%model%split_into_parts()
+    call s%model%split_into_parts(merge(usual_unknowns, coupled_unknowns, ds%symmetric))
     s%complete = s%model%exact .and. s%model%p == freedoms
     call list_vibrations(ds, s, modes)
     call list_others(ds, s, modes)

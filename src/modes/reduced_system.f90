@@ -11,9 +11,9 @@ module reduced_system
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: reduced_model, reduced_poles, first_order
+  public :: reduced_model, reduced_poles, first_order, usual_unknowns
 
-  integer, parameter :: largest = 400                  !! unknowns of first order beyond which a part is cut at weak couplings
+  integer, parameter :: usual_unknowns = 400           !! of first order that are solved at once
   real(wp), parameter :: uncoupled = 1.0e-8_wp         !! coupling that is rounding [-]
   real(wp), parameter :: negligible = 1.0e-9_wp        !! stiffness of one set of terms that is rounding, over the whole [-]
 
@@ -113,8 +113,9 @@ contains
   end subroutine find_scale
 
   !> Divides the motions into parts that do not couple; parts too large are divided where they couple least.
-  subroutine split_into_parts(self)
+  subroutine split_into_parts(self, largest)
     class(reduced_model), intent(inout) :: self
+    integer, intent(in) :: largest                     !! unknowns of first order beyond which a part is cut at weak couplings
     real(wp) :: coupling(self%p, self%p), threshold
     integer :: i, j, r, part, order
     do j = 1, self%p

@@ -7,7 +7,7 @@ module fast_poles
   use linear_matrices, only: number_laws
   use mass_solve, only: solve_mass
   use mechanism, only: mechanism_model
-  use reduced_system, only: reduced_model, reduced_poles
+  use reduced_system, only: reduced_model, reduced_poles, usual_unknowns
   use spring_products, only: argument_motions, argument_pull
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   implicit none (type, external)
@@ -219,7 +219,7 @@ contains
     complex(wp) :: v(model%p)
     real(wp), allocatable :: y(:, :)               ! (p, poles) real parts, in the motions of the basis [-]
     integer :: part, i, j
-    call model%split_into_parts()
+    call model%split_into_parts(usual_unknowns)
     allocate (y(model%p, 0))
     ok = .true.
     do part = 1, model%parts
