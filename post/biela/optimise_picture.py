@@ -13,7 +13,7 @@ import numpy as np
 
 from .design_space import Space
 from .picture_files import save
-from .plot import COLOURS, LOOK, pretty_unit
+from .plot import COLOURS, LOOK, pretty_unit, stacked
 from .sweep_study import Study
 
 if TYPE_CHECKING:
@@ -105,12 +105,8 @@ def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: 
     wide = min(len(study.scalars), 2)
     tall = -(-len(study.scalars) // wide)
     with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(
-            tall, wide, figsize=(5.2 * wide, 0.9 + tall * (0.9 + 0.3 * free)), squeeze=False, layout="constrained"
-        )
-        for axis in axes.flat[len(study.scalars) :]:
-            axis.axis("off")
-        for k, (axis, scalar) in enumerate(zip(axes.flat, study.scalars)):
+        figure = plt.figure(figsize=(4.6 * wide, 0.9 + tall * (0.9 + 0.3 * free)), layout="constrained")
+        for k, (axis, scalar) in enumerate(zip(stacked(figure, len(study.scalars), wide), study.scalars)):
             part = [row for row in rows if row[0] == scalar.name][::-1]
             changes = np.nan_to_num([row[6] for row in part])
             errors = np.nan_to_num([row[7] for row in part])

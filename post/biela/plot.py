@@ -72,7 +72,7 @@ class Plain(ScalarFormatter):
 
 def pretty_unit(unit: str) -> str:
     """Return a unit as text shows it: rad/s2 as rad/s², Nm as N m."""
-    for plain, nice in (("^2", "²"), ("s2", "s²"), ("Nm", "N m"), ("*", " ")):
+    for plain, nice in (("^2", "²"), ("s2", "s²"), ("m2", "m²"), ("m3", "m³"), ("Nm", "N m"), ("*", " ")):
         unit = unit.replace(plain, nice)
     return unit
 
@@ -131,11 +131,9 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
         if path and len(groups) == 1 and unit_of(runs, groups[0][0]) == "m":
             size = _to_scale(runs, groups[0], abscissa)
         figure = plt.figure(figsize=size, layout="constrained")
-        wide = len(groups) % columns  # the first panel of an odd number is as wide as both columns: no place stays empty
-        grid = figure.add_gridspec(lines, columns)
-        places = [grid[0, :]] * wide + [grid[j, k] for k in range(columns) for j in range(wide, lines)]
-        axes = [figure.add_subplot(places[0])]
-        axes += [figure.add_subplot(place, sharex=axes[0]) for place in places[1:]]
+        axes = stacked(figure, len(groups), columns)
+        for axis in axes[1:]:
+            axis.sharex(axes[0])
         for axis, group in zip(axes, groups):
             plain_numbers(axis)
             _panel(axis, runs, labels, group, abscissa)
@@ -147,7 +145,6 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
             axis.tick_params(labelbottom=lowest)
             if lowest:
                 axis.set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
-        figure.align_ylabels()
         if len(runs) > 1:
             looks = [{"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]} for k in range(len(runs))]
             handles = [plt.Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
@@ -155,6 +152,15 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
         if title:
             figure.suptitle(title)
     return figure
+
+
+def stacked(figure: plt.Figure, count: int, columns: int) -> list[plt.Axes]:
+    """Return axes one above another in columns that they fill: in a column that has one less they are higher."""
+    axes: list[plt.Axes] = []
+    for k, part in enumerate(np.ravel(figure.subfigures(1, columns))):
+        axes += part.subplots((count + columns - 1 - k) // columns, 1, squeeze=False)[:, 0].tolist()
+        part.align_ylabels()
+    return axes
 
 
 def _to_scale(runs: list[History], group: list[str], abscissa: str) -> tuple[float, float]:

@@ -11,7 +11,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy import signal
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import make_interp_spline, pchip_interpolate
 
 from . import labels
 from .histories import History, read
@@ -115,6 +115,7 @@ def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, absci
             frequency, size = amplitudes(axis, values)
             of = run.units[name]
             line[0].plot(frequency[1:], size[1:], color=COLOURS[0])
+            line[0].set_ylim(0.0, 1.2 * size[1:].max() or 1.0)
             found = peaks(size, most)
             if len(found) > 1 and size[found].min() < SMALL * size[found].max():
                 line[0].set_yscale("log")
@@ -125,7 +126,6 @@ def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, absci
             line[0].set_ylabel(axis_label(name, of))
             line[0].set_title("amplitude", fontsize=9)
             line[0].set_xlim(0.0, frequency[holding(size)])
-            line[0].margins(y=0.2)
             band, power = density(axis, values)
             line[1].semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
             squared = f"{of}²" if of.isalpha() else f"({pretty_unit(of)})²" if of else "1"
@@ -176,12 +176,10 @@ def draw_decay(run: History, names: list[str]) -> plt.Figure:
             turns, found = decay(time, values)
             axis.plot(run.time, run[name], color=COLOURS[0], linewidth=0.8)
             at, when = values[turns], time[turns]
-            size = found["start"] * np.exp(-found["rate"] * when)
-            about = np.convolve(at, [0.25, 0.5, 0.25], "same")  # what it swings about; at the ends as the envelope has it
-            side = np.sign(at[[0, -1]] - at[[1, -2]])
-            about[[0, -1]] = at[[0, -1]] - side * size[[0, -1]]
+            side = np.sign(at - np.append(at[1:], at[-2]))
+            about = at - side * found["start"] * np.exp(-found["rate"] * when)  # what it swings about: the envelope meets crests
             inner = time[turns[0] : turns[-1] + 1]
-            about = np.interp(inner, when, about)
+            about = pchip_interpolate(when, about, inner)
             envelope = found["start"] * np.exp(-found["rate"] * inner)
             axis.plot(inner, about + envelope, linestyle=STYLES[1], color=COLOURS[1], label="fitted envelope")
             axis.plot(inner, about - envelope, linestyle=STYLES[1], color=COLOURS[1])

@@ -93,8 +93,9 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
                 axis.contour(x, y, table(column), [value], colors=COLOURS[1], linewidths=2.0, linestyles="--")
                 axis.plot([], [], "--", color=COLOURS[1], linewidth=2.0, label=f"{words(column)} = {value:.4g}")
         if best is not None:
+            unit = words(result).partition(" [")[2].rstrip("]")
             look = dict(color="white", mec=COLOURS[1], mew=1.5, ms=14, ls="none", clip_on=False, zorder=5)
-            axis.plot(best[free[0]], best[free[1]], "*", label=f"best: {best[result]:.4g}", **look)
+            axis.plot(best[free[0]], best[free[1]], "*", label=f"best: {best[result]:.4g} {unit}".rstrip(), **look)
         if axis.get_legend_handles_labels()[0]:
             figure.legend(loc="outside lower center", ncols=3)
         scalar = study.scalars[result - len(study.parameters)]

@@ -15,10 +15,12 @@ from pathlib import Path
 import matplotlib as mpl
 
 mpl.use("Agg")
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "post"))
 import bench_scenes as scenes
 import matplotlib.pyplot as plt
 import numpy as np
 import peer_scene
+from biela.plot import COLOURS
 
 ROOT = Path(__file__).resolve().parents[2]
 BIELA = Path(os.environ.get("BIELA", "bin/biela")).resolve()
@@ -231,30 +233,36 @@ def chain_seconds(program, links, steps):
     return march_seconds(WORK / "chain")
 
 
-def look(label):
-    """Marker, line and colours of a curve: exudyn dashed, nodal models triangles, modal ones circles."""
+def family(label):
+    """Name, colour, marker and line of what a curve belongs to: meshes and numbers of modes of one family look alike."""
     if label.startswith("exudyn"):
-        return "s", "--", "autumn"
-    return ("o", "-", "viridis") if "modes" in label else ("^", "-", "winter")
+        frame = "frame" in label
+        return "exudyn, floating frame" if frame else "exudyn, ANCF cables", COLOURS[3] if frame else COLOURS[1], "s", "--"
+    if "modes" in label:
+        return "biela, modes, rk4", COLOURS[5], "o", "-"
+    if "generalized_alpha" in label:
+        return "biela, nodes, generalized_alpha", COLOURS[2], "D", "-"
+    return "biela, nodes, rk4", COLOURS[0], "^", "-"
 
 
 def picture(blocks):
-    """Error against seconds, one panel a block."""
-    figure, axes = plt.subplots(1, len(blocks), figsize=(5.6 * len(blocks), 6.0), sharey=True)
+    """Error against seconds, one panel a block, as wide as a page."""
+    figure, axes = plt.subplots(1, len(blocks), figsize=(8.4, 4.6), sharey=True, layout="constrained")
+    marks = {}
     for axis, (title, curves) in zip(axes, blocks):
         for label, points in curves.items():
-            marker, line, shades = look(label)
-            alike = [other for other in curves if look(other) == look(label)]
-            color = plt.get_cmap(shades)(0.85 * alike.index(label) / max(1, len(alike) - 1))
-            axis.loglog(
-                [p[2] for p in points], [p[1] for p in points], line, marker=marker, color=color, label=label, markersize=5
-            )
-        axis.set(xlabel="seconds of the processor, solver alone", title=title, ylim=(1e-7, 0.1))
+            name, colour, marker, line = family(label)
+            look = {"ls": line, "marker": marker, "color": colour, "ms": 4, "lw": 1}
+            axis.loglog([p[2] for p in points], [p[1] for p in points], **look)
+            marks[name] = plt.Line2D([], [], label=name, **look)
+        axis.set_title(title, fontsize=9)
+        axis.set_ylim(1e-7, 0.1)
+        axis.tick_params(labelsize=8)
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False)
-    axes[0].set_ylabel("largest error of the mid-rod deflection over its largest value")
-    figure.tight_layout()
-    figure.savefig(RESULTS / "peer.png", dpi=110)
+    figure.supxlabel("seconds of the processor, solver alone", fontsize=9)
+    figure.legend(handles=list(marks.values()), loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    axes[0].set_ylabel("largest error of the mid-rod deflection / its largest value", fontsize=9)
+    figure.savefig(RESULTS / "peer.png", dpi=100)
     plt.close(figure)
 
 
@@ -306,7 +314,7 @@ def main():
     nodal_steps(report, many)
     chains(report)
     (RESULTS / "peer.txt").write_text("\n".join(report.lines) + "\n")
-    picture([("two elements, ANCF", two), ("two elements, floating frames", frame), ("32 elements", many)])
+    picture([("2 elements; exudyn: ANCF", two), ("2 elements, floating frames", frame), ("32 elements, any model", many)])
     print("written: results/peer.txt, results/peer.png")
 
 

@@ -29,8 +29,8 @@ from extreme_mixtures import COUNT, implicit_mixture, mixture
 
 SEED = 2024
 FOLDER = Path("results") / "extremes"
-COLUMNS = 3
-COLUMN, LABEL, LINE, TITLE = 4.8, 2.4, 0.16, 4  # width of a column, of its labels, height of a line [inch]; lines for a title
+COLUMNS = 2
+COLUMN, LABEL, LINE, TITLE = 4.2, 2.2, 0.16, 4  # width of a column, of its labels, height of a line [inch]; lines for a title
 WRONG = COLOURS[1]
 STYLES = {"rk4": (COLOURS[0], "o"), "dopri5": (COLOURS[3], "s"), "generalized_alpha": (COLOURS[2], "D"), "radau": (COLOURS[4], "^")}
 Maker = Callable[[int, int], Case]
@@ -94,14 +94,16 @@ def picture_of_factors(rows: list[Row], path: Path) -> None:
             axis = figure.add_axes(((k * COLUMN + LABEL) / width, top - height, (COLUMN - LABEL - 0.15) / width, height))
             draw_factor(axis, factors[name])
             top -= lines[name] / tall
-    marks = [plt.Line2D([], [], color=c, marker=m, ls="-", lw=1, label=f"{n}: figure and limit") for n, (c, m) in STYLES.items()]
+    marks = [plt.Line2D([], [], color=c, marker=m, ls="-", lw=1, label=n) for n, (c, m) in STYLES.items()]
     marks += [
         plt.Line2D([], [], color="0.3", marker=m, ls="", label=t)
         for m, t in ((">", "refused as stated"), ("X", "stopped as stated"), ("P", "warned as stated"))
     ]
-    marks += [plt.Line2D([], [], color=WRONG, marker="o", ms=10, mfc="none", ls="", label="not as stated")]
-    figure.legend(handles=marks, loc="upper center", ncols=4, fontsize=9, title="across: a case's figure, a relative error [-]")
-    figure.savefig(path, dpi=90)
+    head = "a case's relative error [-] (mark) and its limit (line)"
+    if not all(row.passed for row in rows):
+        head += "; red circle: not as stated"
+    figure.legend(handles=marks, loc="upper center", ncols=4, fontsize=9, title=head)
+    figure.savefig(path, dpi=100)
     plt.close(figure)
 
 
@@ -128,7 +130,7 @@ def draw_factor(axis: plt.Axes, rows: list[Row]) -> None:
     axis.set_title(rows[0].case.factor, fontsize=10)
     axis.set_xscale("log")
     axis.set_xlim(1e-18, 1e7)
-    axis.set_xticks([10.0**k for k in range(-16, 5, 4)])
+    axis.set_xticks([10.0**k for k in range(-16, 5, 8)])
     axis.set_yticks(range(len(values)), values)
     axis.set_ylim(len(values) - 0.3, -0.7)
     axis.tick_params(labelsize=8)

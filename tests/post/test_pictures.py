@@ -356,14 +356,18 @@ def test_a_motion_without_bodies_is_refused(runs):
         mechanism.from_motion(read(runs[0]))
 
 
-def test_the_first_of_an_odd_number_of_panels_is_as_wide_as_two(tmp_path):
+def test_panels_of_an_odd_number_fill_two_columns_with_one_time_axis_each(tmp_path):
     names = ["t[s]", *(f"x{k}[u{k}]" for k in range(plot.ONE_COLUMN + 1 + plot.ONE_COLUMN % 2))]
     run = read(written(tmp_path / "history.txt", names, np.outer(TIME, np.arange(1.0, len(names) + 1.0))))
     figure = plot.draw([run], ["run"], run.names[1:], title="odd")
     figure.draw_without_rendering()
-    widths = [axis.get_position().width for axis in figure.axes]
-    assert len(widths) == len(names) - 1
-    assert widths[0] > 1.9 * max(widths[1:])
+    boxes = np.array([axis.get_window_extent().extents for axis in figure.axes])
+    left, right = np.split(boxes, [len(names) // 2])
+    assert len(left) == len(right) + 1
+    for column in (left, right):
+        assert np.ptp(column[:, [0, 2]], axis=0).max() < 1.0
+        assert abs(column[-1, 1] - left[-1, 1]) < 1.0
+        assert abs(column[0, 3] - left[0, 3]) < 1.0
     assert figure.get_suptitle() == "odd"
     plot.plt.close(figure)
 

@@ -60,8 +60,15 @@ def test_a_decay_has_its_damping_ratio(run, capsys):
     _, found = spectrum.decay(history.time, history["ring"])
     assert found["damping_ratio"] == pytest.approx(0.03, rel=2.0e-2)
     assert found["frequency"] == pytest.approx(8.0, rel=2.0e-3)
-    assert spectrum_command.main([str(run), "--columns", "ring", "--decay"]) == 0
+    figure = spectrum.draw_decay(history, ["ring"])
     assert "damping ratio 0.03" in capsys.readouterr().out
+    _, above, below, dots = (line.get_xydata() for line in figure.axes[0].lines)
+    crests, troughs = dots[::2], dots[1::2]
+    if crests[0, 1] < troughs[0, 1]:
+        crests, troughs = troughs, crests
+    for envelope, touched in ((above, crests), (below, troughs)):
+        np.testing.assert_allclose(np.interp(touched[:, 0], *envelope.T), touched[:, 1], atol=1e-12)
+    spectrum.plt.close(figure)
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.1, -0.3])

@@ -41,7 +41,7 @@ def test_pictures_are_curves_over_one_parameter_and_maps_over_two(tmp_path, monk
     assert np.ma.filled(axes[0].collections[0].get_array(), -1.0).ravel().tolist() == [3.0, -1.0, 4.0, 5.0]
     rows = [[x, y, x * y, ""] for x in (1.0, 2.0, 3.0) for y in (1.0, 2.0)]
     _, axes = drawn(tmp_path, monkeypatch, rows, one, two, best=rows[2], limits=[(2, 3.0), (2, 100.0)])
-    assert [text.get_text() for text in axes[0].figure.legends[0].get_texts()] == ["peak [m] = 3", "best: 2"]
+    assert [text.get_text() for text in axes[0].figure.legends[0].get_texts()] == ["peak [m] = 3", "best: 2 m"]
     assert axes[0].lines[-1].get_xydata().tolist() == [[2.0, 1.0]], "the best run is marked"
 
 
