@@ -147,8 +147,11 @@ def _climb(study: Study, deck: DeckText, made: Curve, stage: str) -> None:
     for setting, outcome in zip(batch, done):
         if outcome is None or outcome.status == -1:
             made.ended = True
+            study.reasons[made.family] = f"{setting.words(study.grid)} did not come to its end in the time that a run may take"
             break
-        if outcome.ok:
+        if not outcome.ok:
+            study.reasons[made.family] = f"{setting.words(study.grid)}: {outcome.message}"
+        else:
             made.settings.append(setting)
             made.outcomes.append(outcome)
     left = _left(study, made)

@@ -104,9 +104,18 @@ def rounding_columns(outcome: Outcome, sizes: dict[str, float]) -> list[str]:
     return found if len(found) < len(outcome.names) else []
 
 
+def is_state(name: str) -> bool:
+    """Return whether a column holds 0 and 1 alone, or a share that jumps as they do: of a stop, or of a joint with friction.
+
+    An event between two rows is wrong by all of the range there, however small the error of its time.
+    """
+    return name.endswith((".state", ".share"))
+
+
 def truth_of(outcome: Outcome, compared: Compared, uncertainty: float = 0.0, words: str = "") -> Truth:
-    """Return a run as the truth, without the columns that are rounding, unless they were asked for."""
-    wanted = compared.columns or set(outcome.names) - set(rounding_columns(outcome, compared.sizes))
+    """Return a run as the truth, without the columns that are rounding or states, unless they were asked for."""
+    idle = {*rounding_columns(outcome, compared.sizes), *filter(is_state, outcome.names)}
+    wanted = compared.columns or set(outcome.names) - idle or set(outcome.names)
     keep = [k for k, name in enumerate(outcome.names) if name in wanted]
     scale = scale_of(outcome, compared.sizes)[keep]
     names = tuple(outcome.names[k] for k in keep)

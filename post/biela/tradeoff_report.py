@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from .deck_text import DeckText, parse
 from .tradeoff_curves import Curve
-from .tradeoff_errors import Gap, gap, plain_truth
+from .tradeoff_errors import Gap, gap, is_state, plain_truth
 from .tradeoff_study import Point, Study
 
 WIDTH = 120
@@ -33,8 +33,8 @@ class Result:
         budget: solver seconds that the recommended run may take, infinite without [s]
         parts: (what, time, mesh, model) parts of errors
         important: what a user should know before he trusts the recommendation
-        doubts: what the solver warns of in the deck as written: said before everything else
-        dropped: columns that are rounding alone and were not compared
+        doubts: what the solver warns of in the deck as written; both are said before everything else
+        dropped: columns that are rounding alone or states, and were not compared
         absent: methods that are not in the curves, each with the reason
     """
 
@@ -192,10 +192,15 @@ def _wrapped(notes: list[str]) -> list[str]:
     return [line for note in notes for line in textwrap.wrap(note, WIDTH - 2, initial_indent="- ", subsequent_indent="  ")]
 
 
+def _not_compared(why: str, names: list[str]) -> list[str]:
+    """Return the lines that name columns which were not compared, none where there are no such columns."""
+    return textwrap.wrap(f"not compared, {why}: {', '.join(names)}", WIDTH) if names else []
+
+
 def head(study: Study, result: Result) -> str:
     """Return the comment on top of recommended.nml."""
-    lines = textwrap.wrap(f"Recommended for {result.deck_name}. {verdict(study, result)}", WIDTH - 2)
-    lines += _wrapped([*result.doubts, *result.important])
+    lines = _wrapped([*result.doubts, *result.important])
+    lines += textwrap.wrap(f"Recommended for {result.deck_name}. {verdict(study, result)}", WIDTH - 2)
     lines += textwrap.wrap(f"Truth: {study.truth.words}. Sensors: {', '.join(asked_for(study))}.", WIDTH - 2)
     if not study.grid.stated:
         lines += textwrap.wrap(
@@ -211,15 +216,15 @@ def table(study: Study, result: Result) -> str:
     lines = [
         f"Speed against accuracy of {result.deck_name}",
         "",
-        *_wrapped(result.doubts),
+        *_wrapped([*result.doubts, *result.important]),
         *textwrap.wrap(verdict(study, result), WIDTH),
-        *_wrapped(result.important),
         "",
         f"truth ({result.kind}): {truth.words}",
         f"  its own uncertainty: {truth.uncertainty:.1e} of a column's range (finest levels and meshes, the other explicit method)",
         *(f"  {note}" for note in result.notes),
         f"sensors: {', '.join(asked_for(study))}; tolerance {study.tolerance:g} of each column's range",
-        *textwrap.wrap("rounding alone, not compared: " + ", ".join(result.dropped), WIDTH) * bool(result.dropped),
+        *_not_compared("rounding alone", [name for name in result.dropped if not is_state(name)]),
+        *_not_compared("states, whose events the other columns show", [name for name in result.dropped if is_state(name)]),
         *(f"left out: {words}" for words in result.absent),
         f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
         "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",

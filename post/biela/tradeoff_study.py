@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from . import deck_models
 from .deck_runs import Outcome, OutOfTimeError, Runner
@@ -67,6 +67,7 @@ class Study:
         points: everything that was measured against the truth
         steps: every removal that was tried
         rates: seconds for an evaluation of one unknown, by family, from the full model's longest run
+        reasons: why a run of a family gave nothing, the last one
     """
 
     runner: Runner
@@ -79,6 +80,7 @@ class Study:
     points: list[Point] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     rates: dict[str, float] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
 
     @property
     def room(self) -> float:
@@ -103,6 +105,19 @@ class Study:
     def text(self, deck: DeckText, setting: Setting | None) -> str:
         """Return the text that is run."""
         return for_search(deck, setting, self.grid, self.asked)
+
+    def settle(self, model: str, words: str, found: Point) -> None:
+        """Let a model with a setting, in words, have the cost and the error that were measured last, wherever it stands."""
+        if not found.outcome.ok:
+            return
+
+        def settled(p: Point | None) -> Point | None:
+            same = p and p.setting and p.model == model and p.setting.words(self.grid) == words
+            return replace(p, outcome=found.outcome, gap=found.gap) if same else p
+
+        self.points = [settled(p) for p in self.points]
+        for step in self.steps:
+            step.best = settled(step.best)
 
     def measure(self, model: str, deck: DeckText, settings: list[Setting], stage: str) -> list[Point]:
         """Run a model with some settings and keep the points."""

@@ -16,7 +16,7 @@ from .deck_text import DeckError, DeckText, parse, read
 from .tradeoff_causes import PARTS, cancellation, deciding, offset
 from .tradeoff_errors import Compared, gap, sizes_of
 from .tradeoff_picture import draw
-from .tradeoff_report import Result, head, nothing_finished, table, verdict
+from .tradeoff_report import Result, head, nothing_finished, own_setting, setting_words, table, verdict
 from .tradeoff_search import EFFECT, cheapest, greedy
 from .tradeoff_settings import FAMILIES, Setting, columns, grid_of, length_of, sensors, with_accuracy, with_setting
 from .tradeoff_study import EVALUATION_COST, FULL, Point, Study
@@ -99,6 +99,9 @@ def recommend(study: Study, result: Result, point: Point | None, folder: Path) -
         study.points = [replace(p, gap=found) if lost else p for p, lost in zip(study.points, same)]
         point = choose(study, result.budget) if any(same) else None
     written, chosen = result.written, result.chosen
+    study.settle(FULL, own_setting(written.deck), written)
+    if point:
+        study.settle(point.model, setting_words(study, point), chosen)
     if written.gap.largest <= study.room and written.cost <= min(chosen.cost if chosen else math.inf, result.budget):
         result.chosen, result.taken = replace(written, model="recommended.nml"), []
     elif chosen:
@@ -175,12 +178,12 @@ def narrow(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) ->
     study.compared = replace(study.compared, columns=columns(names, wanted))
 
 
-def absent(args: argparse.Namespace, base: Base) -> list[str]:
+def absent(args: argparse.Namespace, study: Study, base: Base) -> list[str]:
     """Return the methods that no curve shows, each with the reason."""
     shown = {made.family for made in base.curves}
     missing = {name: method for name, (method, _) in FAMILIES.items() if name not in shown}
-    failed, unasked = "its runs failed or took too long", "not in --methods"
-    why = {name: failed if method in args.methods else unasked for name, method in missing.items()}
+    failed, unasked = "there was no time for it", "not in --methods"
+    why = {name: study.reasons.get(name, failed) if method in args.methods else unasked for name, method in missing.items()}
     return [f"{name}: {reason}" for name, reason in why.items()]
 
 
@@ -203,11 +206,12 @@ def run(args: argparse.Namespace) -> int:
         print(f"{said}\nTable: {folder}/tradeoff.txt; the same command goes on from what is kept")
         return 1
     own = Point("deck as written", None, deck, written, gap(written, study.truth))
+    (folder / "recommended.nml").unlink(missing_ok=True)
     result = Result(args.deck.name, args.truth, base.notes, base.curves, own, [], budget=args.budget)
     result.doubts = [f"the solver warns of the deck as written: {words}" for words in written.warnings]
     known = [name for name in base.curves[0].outcomes[-1].names if not study.compared.columns] if base.curves else []
     result.dropped = [name for name in known if name not in study.truth.names]
-    result.absent = absent(args, base)
+    result.absent = absent(args, study, base)
     runner.share = SEARCH
     explore(study, base, result)
     runner.share = max(SEARCH, 1.0 - DRAWING * runner.slowness() / args.time)
@@ -218,10 +222,10 @@ def run(args: argparse.Namespace) -> int:
     runner.clear_line()
     (folder / "tradeoff.txt").write_text(table(study, result), encoding="utf-8")
     draw(study, result, folder / "work_precision.png")
-    print("".join(f"- {line}\n" for line in result.doubts), end="")
+    print("".join(f"- {line}\n" for line in [*result.doubts, *result.important]), end="")
     print(verdict(study, result))
-    print("".join(f"- {line}\n" for line in result.important), end="")
-    print(f"Table, deck and picture: {folder}/tradeoff.txt, recommended.nml, work_precision.png")
+    deck_file = "recommended.nml, " if result.chosen else ""
+    print(f"Results: {folder}/tradeoff.txt, {deck_file}work_precision.png")
     return 0 if result.meets else 1
 
 

@@ -257,6 +257,8 @@ def test_an_error_that_is_not_split_leaves_a_note(study, monkeypatch, fault, why
 def test_columns_of_rounding_are_not_compared_unless_they_are_asked_for():
     """Beside a motion of the same unit, or of the scene's size; where all are rounding all are kept."""
     small = 1.0e-15 * np.sin(50.0 * TIMES)
+    run = outcome(TIMES, 1.0 * (TIMES[1] < TIMES), names=("a.x", "pad.state"))
+    assert tradeoff_errors.truth_of(run, Compared({})).names == ("a.x",)
     run = outcome(TIMES, small, names=("a.x", "a.y"))
     assert tradeoff_errors.rounding_columns(run, {}) == ["a.y"]
     assert tradeoff_errors.truth_of(run, Compared({})).names == ("a.x",)
@@ -270,20 +272,22 @@ def test_what_the_solver_warns_of_and_what_is_absent_are_told(tmp_path):
     curve = Curve("rk4", [], [])
     args = argparse.Namespace(methods=["rk4", "radau"])
     base = SimpleNamespace(curves=[curve])
-    assert tradeoff_work.absent(args, base) == [
+    study = study_with(tmp_path, point(1e-3, 1e-3, 1.0))
+    study.reasons["radau"] = "radau step 0.1 s: the step is too large"
+    assert tradeoff_work.absent(args, study, base) == [
         "dopri5: not in --methods",
         "generalized_alpha: not in --methods",
         "generalized_alpha adaptive: not in --methods",
-        "radau: its runs failed or took too long",
-        "radau adaptive: its runs failed or took too long",
+        "radau: radau step 0.1 s: the step is too large",
+        "radau adaptive: there was no time for it",
     ]
-    study = study_with(tmp_path, point(1e-3, 1e-3, 1.0))
     doubt = "the solver warns of the deck as written: body bends too far"
-    told = dict(doubts=[doubt], dropped=["a.y"], absent=["dopri5: not in --methods"])
+    told = dict(doubts=[doubt], dropped=["a.y", "pad.state"], absent=["dopri5: not in --methods"])
     result = Result("a.nml", "deck", [], [], study.points[0], [], **told)
     lines = table(study, result).splitlines()
     assert lines[2] == f"- {doubt}"
-    assert "rounding alone, not compared: a.y" in lines
+    assert "not compared, rounding alone: a.y" in lines
+    assert "not compared, states, whose events the other columns show: pad.state" in lines
     assert "left out: dopri5: not in --methods" in lines
     assert "  none was tried: there is no adequate setting, or nothing to remove" in lines, "no empty tables"
     assert doubt in head(study, result)
