@@ -3,7 +3,7 @@ module deck_bodies
   use kinds, only: wp
   use text, only: to_text, lower
   use deck_input, only: deck_source, required
-  use deck_get, only: get, get_pair, counted
+  use deck_get, only: get, get_auto, get_pair, counted
   use deck_lists, only: get_list
   use deck_words, only: get_name, get_choice, get_word, get_letters, get_references
   use deck_kinds, only: in_material, in_section
@@ -120,9 +120,9 @@ contains
         'the modulus that an elastic body keeps in place of its GHM terms, expected it with viscoelastic=.false.')
       call get(deck, 'axial', b%axial, kinds=elastic)
       call get(deck, 'stiffening', b%stiffening, kinds=elastic)
-      call get(deck, 'modes', b%modes, least=0, kinds=elastic)
+      call get_auto(deck, 'modes', b%modes, b%auto_modes, least=0, kinds=elastic)
       call get(deck, 'static_shapes', b%static_shapes, kinds=elastic)
-      if (b%static_shapes .and. b%modes == 0 .and. deck%is_known('modes')) call deck%complain('static_shapes', &
+      if (b%static_shapes .and. .not. reduced() .and. deck%is_known('modes')) call deck%complain('static_shapes', &
         'static_shapes=.true. with nodal coordinates (modes=0), which contain every shape, expected modes > 0')
       if (deck%is_choice('frame') .and. .not. b%axial) call deck%complain('axial', 'axial=.false. does not apply to '// &
         'kind=''frame'': where elements meet at an angle the axial motion of one is the bending of the other, expected '// &
@@ -130,17 +130,22 @@ contains
       if (.not. b%stiffening) return
       if (.not. b%axial) call deck%complain('stiffening', 'stiffening=.true. with axial=.false.: the quadratic strain '// &
         'shortens the chord, which needs axial deformation or it locks the beam, expected axial=.true.')
-      if (b%modes > 0) call deck%complain('stiffening', 'stiffening=.true. with modes='//to_text(b%modes)// &
-        ': a truncated basis cannot follow the shortening of the chord and the quadratic strain locks the beam, expected '// &
-        'modes=0')
+      if (reduced()) call deck%complain('stiffening', 'stiffening=.true. with modes='// &
+        deck%written(deck%token(deck%assignment_of('modes'), 1))//': a truncated basis cannot follow the shortening of the '// &
+        'chord and the quadratic strain locks the beam, expected modes=0')
     end subroutine read_switches
+
+    !> Whether modes are the coordinates.
+    pure logical function reduced() result(yes)
+      yes = b%modes > 0 .or. b%auto_modes
+    end function reduced
 
     !> The coordinates that fix the body's frame to its nodes.
     subroutine read_reference()
       call get_word(deck, 'reference', b%reference, [character(7) :: 'pinned', 'clamped', 'free'], kinds=elastic)
       call get_list(deck, 'reference_node', b%reference_node, kinds=elastic)
       call get_letters(deck, 'reference_dof', b%reference_dof, ['u', 'v', 'r'], kinds=elastic)
-      if (.not. (deck%is_set('reference') .and. deck%is_known('modes')) .or. b%modes > 0) return
+      if (.not. (deck%is_set('reference') .and. deck%is_known('modes')) .or. reduced()) return
       if (b%reference == 'free') call deck%complain('reference', 'reference=''free'' with nodal coordinates (modes=0): '// &
         'nothing would fix the body''s frame, expected modes > 0')
     end subroutine read_reference

@@ -66,6 +66,7 @@ contains
     call read_groups()
     call check_inertia()
     call check_response()
+    call check_reduction()
     call find_arguments()
     call check_controllers(d, source)
     call check_histories(source, d%histories, d%transient%t_end)
@@ -246,6 +247,26 @@ contains
           'expected it in a deck without &frequency_response')
       end do
     end subroutine check_response
+
+    !> The number of modes is found by the accuracy of a transient; the error of modes is found beside nodal coordinates, which have
+    !> no amplitudes.
+    subroutine check_reduction()
+      integer :: k
+      do k = 1, size(d%bodies)
+        if (d%bodies(k)%auto_modes .and. .not. d%transient%accuracy > 0.0_wp) call d%bodies(k)%at%blame(source%faults, &
+          'modes=''auto'' is found by what keeps the accuracy of a transient, expected &transient with accuracy')
+      end do
+      if (d%transient%check_reduction .and. .not. any(d%bodies%modes > 0)) call d%transient%at%blame(source%faults, &
+        'check_reduction=.true. estimates the error of a given number of modes, expected a body with modes > 0')
+      do k = 1, size(d%sensors)
+        if (d%sensors(k)%quantity /= 'coordinate' .or. d%sensors(k)%marker%body == 0) cycle
+        associate (b => d%bodies(d%sensors(k)%marker%body))
+          if (b%auto_modes .or. (b%modes > 0 .and. d%transient%check_reduction)) call d%sensors(k)%at%blame(source%faults, &
+            'quantity=''coordinate'' of a mode has nothing to be compared with in nodal coordinates, expected it without '// &
+            trim(merge('modes=''auto''   ', 'check_reduction', b%auto_modes)))
+        end associate
+      end do
+    end subroutine check_reduction
 
     !> Columns of sensors that forces follow.
     subroutine find_arguments()

@@ -75,6 +75,7 @@ module deck_records
     integer, allocatable :: reference_node(:)       !! node numbers, positive (-1 already resolved)
     character(1), allocatable :: reference_dof(:)   !! 'u', 'v', 'r'
     integer :: modes = 0                     !! 0: nodal coordinates
+    logical :: auto_modes = .false.          !! the run finds the fewest that keep the accuracy
     logical :: static_shapes = .false.       !! beside the modes: shapes of the markers on which joints and forces act
   end type body_record
 
@@ -273,6 +274,7 @@ module deck_records
     real(wp) :: spectral_radius = 0.9_wp     !! [-]
     logical :: accept_unstable = .false.
     logical :: check_error = .false.         !! a second run estimates the errors of all columns
+    logical :: check_reduction = .false.     !! pilots estimate what left-out modes make the columns err
     real(wp) :: accuracy = 0.0_wp            !! asked of every column, of its range; 0: method and steps are given [-]
     logical :: free_method = .false.         !! the accuracy decides on the method, too
     real(wp) :: most_seconds = huge(1.0_wp)  !! by the clock, for the search of steps that keep the accuracy [s]

@@ -9,7 +9,7 @@ module deck_get
   use deck_syntax, only: value_token, bare_value, string_value, null_value, expression_value
   implicit none (type, external)
   private
-  public :: get, get_pair, real_of, integer_of, text_of, range_text, in_range, counted
+  public :: get, get_auto, get_pair, real_of, integer_of, text_of, range_text, in_range, counted
 
   !> Reads one value into a variable, which keeps its default where the group does not give it.
   interface get
@@ -97,6 +97,31 @@ contains
       call out_of_range(deck, name, assignment, whole_range(name, least, most))
     end if
   end subroutine get_integer
+
+  !> A whole number, or 'auto', which leaves it as it is.
+  subroutine get_auto(deck, name, n, auto, need, least, most, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name
+    integer, intent(inout) :: n                   !! receives the value
+    logical, intent(out) :: auto                  !! the run finds it
+    logical, intent(in), optional :: need
+    integer, intent(in), optional :: least, most   !! range: >= least, <= most
+    character(*), intent(in), optional :: kinds
+    integer :: assignment
+    character(:), allocatable :: word
+    word = deck%peek(name)
+    auto = .false.
+    if (len(word) == 0) then
+      call get_integer(deck, name, n, need, least, most, kinds)
+      return
+    end if
+    call deck%look_up(name, need, kinds, whole_range(name, least, most), assignment)
+    if (assignment == 0) return
+    auto = lower(word) == 'auto'
+    if (auto) call deck%mark_good(assignment)
+    if (.not. auto) call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))//' is text, expected '// &
+      whole_range(name, least, most)//' or ''auto''')
+  end subroutine get_auto
 
   !> A logical value.
   subroutine get_logical(deck, name, x, kinds)
