@@ -4,7 +4,9 @@ module run_deck
   use checkpoint, only: read_checkpoint, remove_checkpoint
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
+  use left_out_flexibility, only: flexibility_lines
   use modal_analysis, only: run_modal
+  use model_choice, only: begin_model, choose_model
   use posix, only: make_folder, lock_file, close_lock, write_bytes, standard_error, standard_output, tell
   use process, only: hold_signals
   use response_analysis, only: run_response
@@ -59,12 +61,14 @@ contains
     type(stability_advice) :: advice
     character(:), allocatable :: words, flat
     type(summary_record) :: text
+    type(summary_record) :: choice            ! of the model
     integer :: k
     status = status_bad_input
     if (options%flat) then
       call read_deck(path, run%d, faults, options%settings, flat)
     else
       call read_deck(path, run%d, faults, options%settings)
+      if (faults%count == 0) call begin_model(run%d)
       if (faults%count == 0) call prepare_run(run, faults, fail)
     end if
     if (faults%count > 0) then
@@ -77,6 +81,7 @@ contains
     end if
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
     if (run%d%static%present .and. .not. fail%happened()) call refuse_free_bodies(run, fail)
+    if (.not. (options%check .or. fail%happened())) call choose_model(run, choice, fail)
     if (fail%happened()) then
       call fail%tell(path)
       status = fail%status
@@ -86,7 +91,9 @@ contains
     call tell_warnings(text, path, model_warnings(run%sys%m, run%assembly))
     call warn_of_slips(run%d, options%check)
     call model_lines(run%d, run%sys%m, run%assembly, text)
+    call text%append(choice)
     if (options%check) call mobility_lines(run%d, text)
+    if (options%check) call flexibility_lines(run, text)
     if (options%json .or. .not. options%check) call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)   ! in JSON alone
     call advise(run%d, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), advice)
     k = method_number(run%d%transient%method)

@@ -39,6 +39,7 @@ module scene_run
     real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
     real(wp) :: stable_steps(size(method_names)) = huge(1.0_wp)   !! of each explicit method, also with bent bodies [s]
     logical :: rings = .false.                !! the vibration that limits steps is hardly damped
+    real(wp), allocatable :: model_error(:)   !! (columns) what modes left out make them err, where the run chose [of the column]
     logical :: quiet = .false.
     logical :: restart = .false.
   contains

@@ -42,7 +42,7 @@ module results
 
 contains
 
-  !> Opens the files in a folder that exists and writes their headers.
+  !> Opens the files in a folder that exists and writes their headers; without a folder there are no files.
   subroutine open_results(self, folder, deck_name, m, list, with_motion)
     class(result_set), intent(inout) :: self
     character(*), intent(in) :: folder, deck_name
@@ -51,6 +51,8 @@ contains
     logical, intent(in) :: with_motion
     allocate (self%values(list%columns))
     self%used = files_of(m, with_motion)
+    if (len(folder) == 0) self%used = [integer ::]
+    if (len(folder) == 0) return
     call begin(history, 'sensors against time', joined([character(80) :: 't[s]', list%names(:list%columns)], ' '))
     call begin(energies, 'energies, their residual and constraint violations against time', 't[s] kinetic[J] potential[J] '// &
                'dissipated[J] work[J] residual[J] position_violation[m] velocity_violation[m/s]'// &
@@ -107,6 +109,7 @@ contains
     class(result_set), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: energy(:)         !! columns of energy.txt after the time [J], [m], [m/s]
+    if (size(self%used) == 0) return
     call self%files(history)%row(self%values, t)
     call self%files(energies)%row(energy, t)
   end subroutine write_row
@@ -129,7 +132,7 @@ contains
     integer :: k
     do k = 1, list%count
       self%events = self%events + 1
-      if (self%events > most_events) cycle
+      if (self%events > most_events .or. size(self%used) == 0) cycle
       associate (x => list%items(k))
         call write_number(x%t, time)
         call write_number(merge(x%memory, 0.0_wp, x%from == 0), speed)

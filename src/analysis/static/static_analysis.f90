@@ -141,8 +141,8 @@ contains
         run%y(i + 1:i + run%sys%m%s%bodies(k)%nf) = 0.0_wp
       end associate
     end do
-    call file%open(run%folder//'/static.txt')
-    call write_header(run, file)
+    if (len(run%folder) > 0) call file%open(run%folder//'/static.txt')      ! pilots have no files
+    if (len(run%folder) > 0) call write_header(run, file)
     steps = 0
     do k = 1, run%d%static%load_steps
       call stop_if_signalled('static analysis', fail)
@@ -289,6 +289,7 @@ contains
     real(wp), allocatable :: values(:)
     allocate (values(run%list%columns))
     call evaluate_state(run%sys, options, run%y)
+    if (len(run%folder) == 0) return
     call read_sensors(run%list, run%sys%m, run%sys%ev, run%y, values)
     call file%row([options%load_factor, report%residual, real(report%steps, wp), values, &
                    motion_row(run%sys%m, run%y(1:run%sys%m%s%nq))])

@@ -20,6 +20,7 @@ module accuracy_words
   real(wp), parameter :: unresolved = 0.1_wp           !! the same, of what the deformation of a body exchanged [-]
   real(wp), parameter :: noticed = 1.0e-2_wp           !! error of a column, of its range [-]
   real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
+  real(wp), parameter :: least_part = 0.25_wp          !! of an error that is left to steps beside that of the model [-]
   real(wp), parameter :: converging = 0.5_wp           !! residual of the second run, of the first one's, at most [-]
 
 contains
@@ -127,12 +128,16 @@ contains
         call text%line('  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
           'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
       end if
+      if (allocated(run%model_error)) call text%line('    (that of left-out modes included)')
       call text%line('    column, largest error, of its range')
       call text%open('estimated_errors', '{')
       do k = 1, size(e)
-        share = '  (constant but for rounding)'
-        if (range(k) > 0.0_wp) share = ' '//es_text(x(k), 1)
-        if (e(k) > asked(k)) share = share//', more than is asked'
+        share = ''
+        if (e(k) > asked(k)) share = ', more than is asked'
+        if (allocated(run%model_error) .and. asked(k) < huge(1.0_wp)) e(k) = e(k) + run%model_error(k)
+        if (range(k) > 0.0_wp) x(k) = e(k)/range(k)
+        if (range(k) > 0.0_wp) share = ' '//es_text(x(k), 1)//share
+        if (.not. range(k) > 0.0_wp) share = '  (constant but for rounding)'//share
         call text%figure('    '//trim(names(k))//' ', trim(names(k)), e(k), 2)
         call text%line(share)
       end do
@@ -166,8 +171,8 @@ contains
     if (run%list%columns == 0) names = motion_names(run%sys%m)
   end function compared_names
 
-  !> The error that each column may have [of the column]: the accuracy of its sensor times its range, or the sensor's floor; any
-  !> where a column is constant but for rounding, or counts states or elements.
+  !> The error that each column may have beside that of the model [of the column]: the accuracy of its sensor times its range, or
+  !> the sensor's floor; any where a column is constant but for rounding, or counts states or elements.
   function asked_errors(run, c) result(asked)
     type(run_state), intent(in) :: run
     type(error_watch), intent(in) :: c
@@ -188,6 +193,7 @@ contains
       end associate
     end do
     where (.not. asked > 0.0_wp .or. index(names, '[-]') > 0) asked = huge(1.0_wp)
+    if (allocated(run%model_error)) where (asked < huge(1.0_wp)) asked = max(asked - run%model_error, least_part*asked)
   end function asked_errors
 
   !> Setting of a pass.

@@ -12,7 +12,7 @@ module body_modes
   use sparse_pattern, only: symmetric_pattern
   implicit none (type, external)
   private
-  public :: lowest_modes, add_static_shapes
+  public :: lowest_modes, add_static_shapes, static_displacements
 
   integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
   integer, parameter :: polish_passes = 2, most_passes = 200
@@ -118,6 +118,28 @@ contains
     x = reshape([x, matmul(y(:, m + 1:n), kk)], [b%nf, n])
     w = [w, lambda - op%shift]
   end subroutine add_static_shapes
+
+  !> Static displacements of the nodal coordinates under loads, each scaled so that it stores an energy of 1/2; 0 where free rigid
+  !> motions balance it.
+  subroutine static_displacements(b, loads, y, bad)
+    type(body_model), intent(in) :: b                    !! with nodal operators
+    real(wp), intent(inout) :: loads(:, :)               !! (nf, loads) any; then scaled and balanced [N, N m]
+    real(wp), intent(out) :: y(:, :)                     !! (nf, loads) [m, rad]
+    logical, intent(out) :: bad
+    type(body_operator) :: op
+    real(wp) :: f(size(loads, 1)), scale                 ! [N, N m], [-]
+    integer :: j
+    call op%set_up(b, .false., bad)
+    if (bad) return
+    do j = 1, size(loads, 2)
+      call static_shape(op, loads(:, j), y(:, j), f)
+      scale = 0.0_wp
+      if (norm2(f) > dependent*norm2(loads(:, j))) scale = 1/sqrt(dot_product(f, y(:, j)))
+      loads(:, j) = scale*f
+      y(:, j) = scale*y(:, j)
+    end do
+    bad = op%unsettled
+  end subroutine static_displacements
 
   !> Displacements y under a load, balanced by the inertia of free rigid motions, and the force f with (K + shift M) y = f.
   subroutine static_shape(op, load, y, f)

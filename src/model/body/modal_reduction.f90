@@ -12,7 +12,7 @@ module modal_reduction
   use modal_basis, only: modal_model
   implicit none (type, external)
   private
-  public :: reduce_to_modes
+  public :: reduce_to_modes, static_loads
 
 contains
 

@@ -1,0 +1,95 @@
+!> A pilot: the transient of a changed deck by radau, without files or words, for a question about the model. Two pilots at the same
+!> tolerance, one of a better model, tell what the other model makes each column err (theory.md, section 12).
+module model_pilot
+  use kinds, only: wp
+  use accuracy_search, only: member, pass_record
+  use accuracy_words, only: asked_errors, compared_names
+  use deck_records, only: deck
+  use errors, only: failure, fault_list, status_failed
+  use force_element, only: stage_transient
+  use scene_run, only: run_state, prepare_run
+  use static_analysis, only: run_static
+  use step_counts, only: step_count
+  use stored_pass, only: pass_rows
+  use summary_text, only: summary_record
+  use transient, only: run_transient, transient_march
+  implicit none (type, external)
+  private
+  public :: run_pilot, pilot_tolerance
+
+  !> What a pilot has shown; errors are differences from the pilot of a better model.
+  type, public :: pilot_result
+    character(80), allocatable :: names(:)    !! of the columns
+    type(pass_rows) :: rows
+    real(wp) :: cost = 0.0_wp                 !! in explicit evaluations [-]
+    real(wp), allocatable :: error(:)         !! (columns) [of the column]
+    real(wp), allocatable :: range(:)         !! (columns) 0: rounding [of the column]
+    real(wp), allocatable :: asked(:)         !! (columns) errors that the accuracy allows; huge: any [of the column]
+  end type pilot_result
+
+contains
+
+  !> Tolerance of pilots: their own errors have to be small beside what the columns may err by.
+  pure real(wp) function pilot_tolerance(d) result(tolerance)
+    type(deck), intent(in) :: d
+    real(wp), parameter :: usual = 1.0e-6_wp, finer = 1.0e-2_wp, least = 1.0e-10_wp   ! [-]
+    tolerance = usual                         ! [-]
+    if (d%transient%accuracy > 0.0_wp) tolerance = finer*d%transient%accuracy
+    if (d%transient%accuracy > 0.0_wp .and. size(d%sensors) > 0) tolerance = &
+      finer*minval(merge(d%sensors%accuracy, d%transient%accuracy, d%sensors%accuracy > 0.0_wp))
+    tolerance = max(tolerance, least)
+  end function pilot_tolerance
+
+  !> Runs a pilot, after the static analysis where the deck has one; where it cannot be run to its end, fail says why.
+  subroutine run_pilot(d, tolerance, found, fail, reference)
+    type(deck), intent(in) :: d
+    real(wp), intent(in) :: tolerance         !! [-]
+    type(pilot_result), intent(out) :: found
+    type(failure), intent(inout) :: fail
+    type(pilot_result), intent(in), optional :: reference   !! of a better model, with the same columns
+    type(run_state) :: run
+    type(transient_march) :: march
+    type(fault_list) :: faults
+    type(summary_record) :: unread
+    run%d = d
+    run%folder = ''
+    run%quiet = .true.
+    associate (r => run%d%transient)
+      r%method = 'radau'
+      r%adaptive = .true.
+      r%tolerance = tolerance
+      r%first_step = 0.0_wp
+      r%max_step = 0.0_wp
+      r%check_error = .false.
+      r%checkpoint_interval = 0.0_wp
+      r%motion_step = 0.0_wp
+      r%stabilization = 'projection'
+    end associate
+    call prepare_run(run, faults, fail)
+    if (faults%count > 0) call fail%raise(status_failed, 'a pilot cannot be built: '//faults%items(1)%message)
+    unread = summary_record(silent=.true.)
+    if (d%static%present .and. .not. fail%happened()) call run_static(run, unread, fail)
+    if (fail%happened()) return
+    run%sys%options%stage = stage_transient
+    found%names = compared_names(run)
+    associate (search => march%search)
+      search%active = .true.
+      search%count = 1
+      search%passes(1) = pass_record(member, method='radau', setting=tolerance)
+      if (present(reference)) then
+        search%rows = reference%rows
+      else
+        allocate (search%rows%values(size(found%names), 0:step_count(0.0_wp, d%transient%t_end, d%transient%output_step)))
+      end if
+      call run_transient(run, march, fail)
+      found%cost = march%cost(run)
+      if (fail%happened()) return
+      call search%rows%turn()
+      found%rows = search%rows
+    end associate
+    if (.not. present(reference)) return
+    found%error = march%check%error
+    found%range = march%check%ranges(run%sys%m%s, found%names, d%transient%t_end)
+    found%asked = asked_errors(run, march%check)
+  end subroutine run_pilot
+end module model_pilot

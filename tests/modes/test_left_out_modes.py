@@ -1,0 +1,84 @@
+"""What modes that a body leaves out do: their static share, the errors that pilots find, and how many modes keep an accuracy."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from biela.histories import read
+
+BEAM = """&scene gravity=0.0,-9.81 /
+&material name='m' density=1600.0 young=2.0e9 ghm_alpha=0.5 ghm_zeta=1.5 ghm_omega=400.0 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='b' kind='beam' length=0.8 elements=6 material='m' section='s' reference='{reference}' {modes} /
+"""
+CLAMPED = """&joint name='o' type='weld' body_a='b' node_a=1 /
+&force name='p' type='force' body='b' node=-1 fy=-2.0 /
+&sensor name='tip' quantity='position' body='b' node=-1 /
+&sensor name='i' quantity='internal' body='b' element=1 /
+"""
+CRANK = """&body name='c' kind='rigid' mass=0.5 inertia=2.0e-3 com=0.1,0.0 angle=-1.0 position=0.0,0.0 /
+&joint name='o' type='revolute' body_a='c' body_b='ground' /
+&joint name='j' type='revolute' body_a='b' node_a=1 body_b='c' point_b=0.2,0.0 /
+&joint name='l' type='slider' body_a='b' node_a=-1 direction=0.2 /
+&spring name='k' type='torsional' body_a='c' stiffness=4.0 /
+&sensor name='tip' quantity='position' body='b' node=4 /
+&sensor name='w' quantity='angular_velocity' body='c' /
+&sensor name='r' quantity='reaction' joint='l' /
+&sensor name='i' quantity='internal' body='b' element=2 /
+"""
+TRANSIENT = "&transient t_end=0.05 output_step=2e-3 {how} /\n"
+SETTLED = TRANSIENT.format(how="method='radau' tolerance=1e-7")
+
+
+def text(rest: str, modes: str, reference: str = "clamped") -> str:
+    """Return a scene with a body in modes."""
+    return BEAM.format(modes=modes, reference=reference) + rest
+
+
+def gaps(a, b) -> dict[str, float]:
+    """Return the largest difference of each column."""
+    return {f"{c}[{a.units[c]}]": np.abs(a[c] - b[c]).max() for c in a.names[1:]}
+
+
+def test_the_static_share_is_that_of_the_static_response(run_deck):
+    """The end of a clamped beam under a force there: no load that stores the same energy moves it farther."""
+    decks = {k: text(CLAMPED, f"axial=.false. {k}").replace("gravity=0.0,-9.81", "") for k in ("modes=0", "modes=2")}
+    mesh, modes = (read(run_deck(deck + "&static /\n", name=k[-1]).folder, "static")["tip.y"][-1] for k, deck in decks.items())
+    found = json.loads(run_deck(decks["modes=2"], "--check", "--json").stdout)["static_share_of_left_out_modes"]
+    shares = [s["share"] for s in found]
+    assert shares == sorted(shares, reverse=True)
+    assert {s["column"]: s["share"] for s in found}["tip.y[m]"] == pytest.approx(1 - modes / mesh, rel=1e-6)
+    whole = run_deck(decks["modes=2"].replace("modes=2", "modes=2 static_shapes=.true."), "--check").stdout
+    assert "none above" in whole
+
+
+@pytest.mark.parametrize(("rest", "modes"), [(CLAMPED, 1), (CRANK, 2)], ids=["clamped", "crank"])
+def test_pilots_find_the_errors_of_columns(run_deck, rest, modes):
+    """Beside runs in nodal coordinates and in modes: positions, forces in a section, reactions, a rigid body in the same loop."""
+    mesh = run_deck(text(rest, "modes=0") + SETTLED, name="mesh").history
+    run = run_deck(text(rest, f"modes={modes}") + SETTLED.replace("radau'", "radau' check_reduction=.true."))
+    found = run.figures["reduction"]["errors"]
+    true = gaps(run.history, mesh)
+    assert true.keys() == found.keys()
+    of_use = [c for c, name in zip(true, mesh.names[1:]) if true[c] > 1e-4 * np.ptp(mesh[name]) > 1e-12]
+    assert len(of_use) > 3
+    assert all(true[c] / 1.5 < found[c] < 1.5 * true[c] for c in of_use)
+
+
+def test_auto_takes_the_fewest_modes_that_keep_the_accuracy(run_deck):
+    """All columns of a slider-crank err by less than asked; with one mode less the modes take more than their half."""
+    asked = 2e-2
+    mesh = run_deck(text(CRANK, "modes=0") + SETTLED, name="mesh").history
+    shapes = "static_shapes=.true."
+    run = run_deck(text(CRANK, f"modes='auto' {shapes}") + TRANSIENT.format(how=f"accuracy={asked}"))
+    number = run.figures["reduction"]["modes"]["b"]
+    assert number > 1
+    fewer = run_deck(text(CRANK, f"modes={number - 1} {shapes}") + SETTLED, name="fewer").history
+    extent = {f"{c}[{mesh.units[c]}]": np.ptp(mesh[c]) for c in mesh.names[1:]}
+    ours, theirs = gaps(run.history, mesh), gaps(fewer, mesh)
+    assert all(ours[c] < asked * extent[c] for c in ours if extent[c] > 1e-9)
+    assert any(theirs[c] > 0.49 * asked * extent[c] for c in ours if extent[c] > 1e-9)
+    told = run.figures["transient"]["estimated_errors"]
+    assert all(told[c] >= run.figures["reduction"]["errors"][c] for c in told if extent[c] > 1e-9)
