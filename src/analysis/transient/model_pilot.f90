@@ -29,15 +29,17 @@ module model_pilot
 
 contains
 
-  !> Tolerance of pilots: their own errors have to be small beside what the columns may err by.
+  !> Tolerance of pilots: their own errors have to be small beside what the columns may err by, and what left-out modes ring by must
+  !> not be damped.
   pure real(wp) function pilot_tolerance(d) result(tolerance)
     type(deck), intent(in) :: d
     real(wp), parameter :: usual = 1.0e-6_wp, finer = 1.0e-2_wp, least = 1.0e-10_wp   ! [-]
+    real(wp) :: asked                         ! the smallest one [-]
     tolerance = usual                         ! [-]
-    if (d%transient%accuracy > 0.0_wp) tolerance = finer*d%transient%accuracy
-    if (d%transient%accuracy > 0.0_wp .and. size(d%sensors) > 0) tolerance = &
-      finer*minval(merge(d%sensors%accuracy, d%transient%accuracy, d%sensors%accuracy > 0.0_wp))
-    tolerance = max(tolerance, least)
+    asked = d%transient%accuracy
+    if (.not. asked > 0.0_wp) return
+    if (size(d%sensors) > 0) asked = minval(merge(d%sensors%accuracy, asked, d%sensors%accuracy > 0.0_wp))
+    tolerance = max(min(usual, finer*asked), least)
   end function pilot_tolerance
 
   !> Runs a pilot, after the static analysis where the deck has one; where it cannot be run to its end, fail says why.
