@@ -11,7 +11,7 @@ import numpy as np
 
 from .histories import History, read
 from .mechanism import Mechanism, from_run
-from .result_files import TABLES, HistoryError, note
+from .result_files import INNER, TABLES, HistoryError, note
 
 EXTRAS = {"parquet": "tables", "hdf5": "hdf5", "csv": "", "matlab": "", "vtk": ""}  # of the package, by format
 
@@ -82,6 +82,8 @@ def write_vtk(scene: Mechanism, folder: Path) -> Path:
     import meshio
 
     folder.mkdir(parents=True, exist_ok=True)
+    for former in folder.glob("motion_*.vtu"):
+        former.unlink()
     entries = []
     for row, time in enumerate(scene.time):
         points, pairs, part = lines(scene, row)
@@ -92,6 +94,7 @@ def write_vtk(scene: Mechanism, folder: Path) -> Path:
     path = folder / "motion.pvd"
     text = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n{body}\n</Collection>\n</VTKFile>\n'
     path.write_text(text, encoding="utf-8")
+    note(path, *folder.glob("motion_*.vtu"))
     return path
 
 
@@ -103,7 +106,7 @@ def export(args: argparse.Namespace) -> int:
         run = read(source, "motion" if args.to == "vtk" else args.file)
         try:
             if args.to == "vtk":
-                path = write_vtk(from_run(run), args.output or run.path.parent / "vtk")
+                path = write_vtk(from_run(run), args.output or run.path.parent / INNER)
             else:
                 path = args.output or run.path.with_suffix(TABLES[args.to])
                 write_table(run, args.to, path)

@@ -13,6 +13,7 @@ RESULT_FILES = {
     "modes": "modes.txt",
     "frequency_response": "frequency_response.txt",
 }
+INNER = "vtk"  # folder of files that show the results
 EVENTS = "events.txt"  # words beside numbers: not one of the tables above
 TABLES = {"csv": ".csv", "parquet": ".parquet", "matlab": ".mat", "hdf5": ".h5"}  # suffix of each format of a table
 
@@ -25,21 +26,21 @@ class HistoryError(BielaError):
     """A results file that is missing or damaged, or a column that it does not have."""
 
 
-def note(path: Path) -> None:
-    """Note a file that shows the results beside it in `.drawn`: the next run that replaces the results removes it.
+def note(*paths: Path) -> None:
+    """Note files that show the results beside them, or in the folder `vtk` there, in `.drawn`: the next run removes them.
 
     Raises:
         OSError: the note cannot be written.
     """
-    folder = path.parent
+    folder = paths[0].parent.parent if paths[0].parent.name == INNER else paths[0].parent
     if not any((folder / name).is_file() for name in ("summary.json", "journal.jsonl")):
         return
     notes = folder / ".drawn"
-    if notes.is_file() and path.name in notes.read_text(encoding="utf-8", errors="replace").split("\n"):
-        return
+    known = notes.read_text(encoding="utf-8", errors="replace").split("\n") if notes.is_file() else []
+    new = sorted({path.relative_to(folder).as_posix() for path in paths} - {*known})
     handle = os.open(notes, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     with os.fdopen(handle, "a", encoding="utf-8") as file:
-        file.write(path.name + "\n")
+        file.writelines(name + "\n" for name in new)
 
 
 def remove_noted(folder: Path) -> None:
@@ -48,6 +49,6 @@ def remove_noted(folder: Path) -> None:
     if not notes.is_file():
         return
     for name in notes.read_text(encoding="utf-8", errors="replace").split("\n"):
-        if name and "/" not in name and (folder / name).is_file():
+        if name and "/" not in name.removeprefix(f"{INNER}/") and (folder / name).is_file():
             (folder / name).unlink()
     notes.unlink()

@@ -8,6 +8,7 @@ import hashlib
 import json
 import operator
 import re
+import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -134,6 +135,19 @@ def submit(pool: Executor, batch: Batch, args: argparse.Namespace) -> Future:
     return pool.submit(_on_worker, str(FOLDER), pickle.dumps(batch))
 
 
+def begin_kept(folder: Path, found: list[str], keep: bool) -> None:
+    """Remove the decks and results that --keep left of another study; the file `keys` says whose they are."""
+    mark = folder / "keys"
+    words = "\n".join(found)
+    if mark.is_file() and mark.read_text(encoding="utf-8") == words:
+        return
+    for path in [*folder.glob("[0-9]" * 6 + ".nml"), *folder.glob("results/" + "[0-9]" * 6)]:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    if keep:
+        folder.mkdir(parents=True, exist_ok=True)
+        mark.write_text(words, encoding="utf-8")
+
+
 def run_all(
     study: Study, text: str, journal: Journal, args: argparse.Namespace, folder: Path, pool: Executor | None = None
 ) -> list[str]:
@@ -148,6 +162,7 @@ def run_all(
         pool: what runs batches, which stays open; without it one is opened, and the progress is shown
     """
     found = keys(study, text, args.biela)
+    begin_kept(folder / "runs", found, args.keep)
     wanted = [k for k, key in enumerate(found) if key not in journal.done]
     begun, done = time.monotonic(), 0
     if not wanted:

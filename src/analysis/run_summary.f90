@@ -36,7 +36,8 @@ contains
     call remove_drawn(run%folder)
   end subroutine begin_results
 
-  !> Removes what the programs of post/ drew of the former run: they note the names of their files in `.drawn`, one a line.
+  !> Removes what the programs of post/ drew of the former run: they note the names of their files, here or in the folder `vtk`, in
+  !> `.drawn`, one a line.
   subroutine remove_drawn(folder)
     character(*), intent(in) :: folder
     character(:), allocatable :: names, problem
@@ -47,7 +48,7 @@ contains
     do while (first <= len(names))            ! each line ends with a line feed
       length = index(names(first:), new_line('a')) - 1
       associate (name => names(first:first + length - 1))
-        if (length > 0 .and. index(name, '/') == 0) call remove_file(folder//'/'//name)
+        if (length > 0 .and. index(name(merge(5, 1, index(name, 'vtk/') == 1):), '/') == 0) call remove_file(folder//'/'//name)
       end associate
       first = first + length + 1
     end do

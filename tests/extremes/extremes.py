@@ -8,7 +8,6 @@ mixtures.png. Exit status 0 where every row is as stated, else 1. EXTREMES_SEED 
 from __future__ import annotations
 
 import os
-import re
 import sys
 import time
 from collections.abc import Callable
@@ -22,15 +21,14 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-from biela.plot import COLOURS
+from biela.plot import COLOURS, LOOK
 from extreme_cases import BIELA, Case, Row, judge
 from extreme_factors import all_factors
 from extreme_mixtures import COUNT, implicit_mixture, mixture
 
 SEED = 2024
 FOLDER = Path("results") / "extremes"
-COLUMNS = 2
-COLUMN, LABEL, LINE, TITLE = 4.2, 2.2, 0.16, 4  # width of a column, of its labels, height of a line [inch]; lines for a title
+LEAST = 1e-12  # share of its limit below which a figure is drawn as this
 WRONG = COLOURS[1]
 STYLES = {"rk4": (COLOURS[0], "o"), "dopri5": (COLOURS[3], "s"), "generalized_alpha": (COLOURS[2], "D"), "radau": (COLOURS[4], "^")}
 Maker = Callable[[int, int], Case]
@@ -78,63 +76,36 @@ def text(rows: list[Row], seed: int, seconds: float) -> str:
 
 
 def picture_of_factors(rows: list[Row], path: Path) -> None:
-    """Draw each factor's figures against their limits, a line of text a value; refusals and stops stand on the right edge."""
-    factors = {name: [row for row in rows if row.case.factor == name] for name in dict.fromkeys(row.case.factor for row in rows)}
-    columns: list[list[str]] = [[] for _ in range(COLUMNS)]
-    lines = {name: len({line_of(row.case) for row in mine}) + TITLE for name, mine in factors.items()}
-    for name in sorted(factors, key=lambda name: -lines[name]):
-        min(columns, key=lambda column: sum(lines[n] for n in column)).append(name)
-    tall = max(sum(lines[name] for name in column) for column in columns) + 2 * TITLE
-    width = COLUMN * max(sum(map(bool, columns)), 1)
-    figure = plt.figure(figsize=(width, tall * LINE))
-    for k, column in enumerate(columns):
-        top = 1.0 - 2.0 * TITLE / tall
-        for name in (n for n in factors if n in column):
-            height = (lines[name] - TITLE) / tall
-            axis = figure.add_axes(((k * COLUMN + LABEL) / width, top - height, (COLUMN - LABEL - 0.15) / width, height))
-            draw_factor(axis, factors[name])
-            top -= lines[name] / tall
-    marks = [plt.Line2D([], [], color=c, marker=m, ls="-", lw=1, label=n) for n, (c, m) in STYLES.items()]
-    marks += [
-        plt.Line2D([], [], color="0.3", marker=m, ls="", label=t)
-        for m, t in ((">", "refused as stated"), ("X", "stopped as stated"), ("P", "warned as stated"))
-    ]
-    head = "a case's relative error [-] (mark) and its limit (line)"
-    if not all(row.passed for row in rows):
-        head += "; red circle: not as stated"
-    figure.legend(handles=marks, loc="upper center", ncols=4, fontsize=9, title=head)
+    """Draw each factor's figures over their limits, a line a factor; how many cases were refused or stopped stands at its end."""
+    factors = list(dict.fromkeys(row.case.factor for row in rows))
+    with plt.rc_context(LOOK):
+        figure, axis = plt.subplots(figsize=(8.0, 0.27 * len(factors) + 1.4), layout="constrained")
+        for k, (method, (colour, mark)) in enumerate(STYLES.items()):
+            mine = [row for row in rows if row.case.method == method and row.figure == row.figure]
+            places = [factors.index(row.case.factor) + 0.2 * (k - 1.5) for row in mine]
+            shares = [max(row.figure / row.case.limit, LEAST) for row in mine]
+            axis.semilogx(shares, places, mark, color=colour, ms=4, mec="none", alpha=0.7, label=method)
+        axis.axvline(1.0, color="black", lw=1.0, ls="--", label="what was stated")
+        wrong = [row for row in rows if not row.passed]
+        for row in wrong:
+            share = row.figure / row.case.limit if row.figure == row.figure else 1.0
+            axis.plot(max(share, LEAST), factors.index(row.case.factor), "o", mec=WRONG, mfc="none", ms=11, mew=1.5)
+        told = axis.secondary_yaxis("right")
+        for one, words in ((axis, factors), (told, [refused(rows, factor) for factor in factors])):
+            one.set_yticks(range(len(factors)), words, fontsize=9)
+            one.tick_params(length=0)
+        axis.set_ylim(len(factors) - 0.4, -0.6)
+        axis.set_xlabel(f"figure of a case / its limit (least drawn: {LEAST:g})")
+        figure.legend(loc="outside lower center", ncols=5)
+        figure.suptitle(f"{len(rows)} cases, {len(rows) - len(wrong)} as stated" + " (circles: not)" * bool(wrong), fontsize=10)
     figure.savefig(path, dpi=100)
     plt.close(figure)
 
 
-def line_of(case: Case) -> str:
-    """Return the words on a case's line of the picture: runs below and above a limit share one."""
-    return re.sub(r"^(0\.95|1\.05) ", "", case.value)
-
-
-def draw_factor(axis: plt.Axes, rows: list[Row]) -> None:
-    """Draw one factor: its values above each other, the methods side by side where they refuse."""
-    values = list(dict.fromkeys(line_of(row.case) for row in rows))
-    for row in rows:
-        y = values.index(line_of(row.case))
-        colour, mark = STYLES[row.case.method]
-        x = 1e2 * 30.0 ** list(STYLES).index(row.case.method)
-        if row.figure == row.figure:
-            x = max(row.figure, 1e-17)
-            axis.plot(x, y, mark, color=colour, ms=4)
-            axis.plot([row.case.limit] * 2, [y - 0.4, y + 0.4], "-", color=colour, lw=1.5)
-        else:
-            axis.plot(x, y, "PX>"[row.case.status], color=colour, ms=5)
-        if not row.passed:
-            axis.plot(x, y, "o", mec=WRONG, mfc="none", ms=10, mew=1.5)
-    axis.set_title(rows[0].case.factor, fontsize=10)
-    axis.set_xscale("log")
-    axis.set_xlim(1e-18, 1e7)
-    axis.set_xticks([10.0**k for k in range(-16, 5, 8)])
-    axis.set_yticks(range(len(values)), values)
-    axis.set_ylim(len(values) - 0.3, -0.7)
-    axis.tick_params(labelsize=8)
-    axis.grid(axis="x", lw=0.3)
+def refused(rows: list[Row], factor: str) -> str:
+    """Return how many cases of a factor were told in words, as stated, instead of giving a figure."""
+    count = sum(row.case.factor == factor and row.figure != row.figure and row.passed for row in rows)
+    return f"{count} refused or told" if count else ""
 
 
 def picture_of_mixtures(rows: list[Row], path: Path) -> None:

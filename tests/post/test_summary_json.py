@@ -10,6 +10,7 @@ import subprocess
 
 import pytest
 from biela.commands import draw, export, plot, report
+from biela.result_files import note
 from conftest import ROOT
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
@@ -157,8 +158,14 @@ def test_a_new_run_removes_what_was_drawn_of_the_former_one_and_nothing_else(run
     drawn = {"history.png", "scene.png", "report.html", "history.csv", "again.pdf"}
     assert set((folder / ".drawn").read_text().split()) == drawn
     (folder / "mine.png").write_text("")
+    sheets = [folder / "vtk" / name for name in ("motion.pvd", "motion_000000.vtu")]
+    sheets[0].parent.mkdir()
+    for sheet in sheets:
+        sheet.touch()
+    note(*sheets)
     with (folder / ".drawn").open("a") as file:
         file.write("../first.nml\n\n./mine.png\nnot there\nhistory.png")
     run_deck(deck, "--output", "out", name="second")
     assert {path.name for path in folder.iterdir()} & {*drawn, ".drawn", "mine.png"} == {"mine.png"}
+    assert not any(sheet.exists() for sheet in sheets)
     assert (tmp_path / "first.nml").is_file()

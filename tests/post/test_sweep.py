@@ -230,7 +230,12 @@ def test_no_scheduler_is_told_in_one_line(study, capsys, monkeypatch):
 
 def test_histories_are_read_by_their_own_reader_too(study):
     study(STUDY, "--keep", "--no-pictures")
-    assert "other.v" in read("results/sweep/study/runs/results/000000")
+    kept = Path("results/sweep/study/runs")
+    assert "other.v" in read(kept / "results" / "000000")
+    study(STUDY, "--no-pictures")
+    assert len(list(kept.glob("0*"))) == 6
+    study(STUDY.replace("points = 3", "points = 2"), "--no-pictures")
+    assert not list(kept.rglob("0*")), "of another study"
 
 
 def test_what_is_wrong_with_the_command_ends_it_in_one_line(study, capsys):
