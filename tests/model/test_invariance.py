@@ -27,7 +27,7 @@ SLIDER_CRANK = """&scene gravity=0.0,-9.81 /
 &sensor name='mid' quantity='deflection' body='rod' node=2 /
 &sensor name='mid_a' quantity='acceleration' body='rod' node=2 /
 &sensor name='pin' quantity='reaction' joint='b' /
-&transient t_end=0.02 method='rk4' step=1.0e-6 output_step=2.0e-4 /
+&transient t_end=0.02 method='rk4' step=4.0e-6 output_step=2.0e-4 /
 """
 MOVING = ["crank", "rod", "tip.x", "mid.*", "mid_a.*", "pin.f*"]
 BEAM_ROD = "kind='beam' length=0.3 elements=3"
@@ -167,7 +167,7 @@ def seen(view):
 &sensor name='mid_a' quantity='acceleration' body='rod' node=2 /
 &sensor name='pin' quantity='reaction' joint='b' /
 &sensor name='clamp' quantity='reaction' joint='d' /
-&transient t_end=0.03 method='rk4' step=2.0e-6 output_step=5.0e-4 /
+&transient t_end=0.03 method='rk4' step=1.0e-5 output_step=5.0e-4 /
 """
 
 

@@ -93,7 +93,7 @@ def driven(table: str, transient: str) -> str:
 &sensor name='turn' quantity='angle' body='disc' /
 &history name='h' kind='table' {TABLES[table]} /
 &force name='f' body='disc' point=0.03,0 fx=1.5 fy=1 axes='body' history='h' argument='tip.y' /
-&transient t_end=0.4 output_step=0.1 {transient} /
+&transient t_end=0.2 output_step=0.1 {transient} /
 """
 
 

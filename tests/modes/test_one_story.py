@@ -82,7 +82,7 @@ def test_eigenvalues_frequency_and_time_domain_and_literal_matrices_agree(run_de
     literal = Literal(zeta)
     common = beam(2, ghm=ghm(zeta), modes=6) + PLUCK + FORCE.replace("/\n", "stage='transient' history='none' /\n", 1)
     common += "&history name='none' kind='polynomial' coefficients=0.0 /\n&static /\n"
-    run = run_deck(common + sweep(1.0, 3000.0, 25) + "&transient t_end=0.6 method='rk4' step=4.0e-6 output_step=2.0e-4 /\n")
+    run = run_deck(common + sweep(1.0, 3000.0, 25) + "&transient t_end=0.6 method='rk4' step=1.0e-5 output_step=2.0e-4 /\n")
     # eigenvalues: all poles of bending, the paper's matrices have no others
     poles, expected = bending_poles(Modes(run)), literal.poles()
     expected = expected[expected.imag >= -1e-9]
