@@ -57,7 +57,7 @@ contains
     read (word(6), *) interval
     each = nint(interval/h)
     do i = 1, times*each
-      call solve_trial(solver, run%sys, i*h, ok)
+      call solve_trial(solver, run%sys, i*h, .false., ok)
       if (.not. ok) error stop 3, quiet=.true.
       call take_trial(solver, run%sys, i*h)
       if (mod(i, each) > 0) cycle

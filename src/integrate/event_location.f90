@@ -12,6 +12,7 @@ module event_location
 
   real(wp), parameter :: together = 1.0e-12_wp     !! events so near are one, of the step [-]
   real(wp), parameter :: near = 0.01_wp            !! lengths so near show how a root changes with the length, of the step [-]
+  real(wp), parameter :: digits_of_change = 1.0e3_wp   !! a change that shows a slope, of the values that are zero [-]
   integer, parameter :: most_trials = 80           !! each second one halves at least: more than the digits of a number
   integer, parameter :: quick_trials = 6           !! after which each second one halves
   real(wp), parameter :: shortest_share = 1.0e-6_wp   !! of the run: time in which events may follow one another fast [-]
@@ -74,13 +75,16 @@ contains
     real(wp), intent(inout) :: h              !! [s]
     logical, intent(out) :: found, ok
     type(root_values) :: left, right(most_trials + 1)   ! ends of intervals yet to be searched, the nearest one last
+    real(wp) :: defect(system%roots)          ! C of each root, as in `correct_rates` [any]
     real(wp) :: whole, s, target
     integer :: n, k, trials
     logical :: falls
     whole = h
     target = march%tried
     ok = .true.
+    defect = 0.0_wp
     left = march%roots%now
+    left%raw = left%rate
     right(1) = march%roots%end
     n = 1
     trials = 0
@@ -110,8 +114,7 @@ contains
       n = n + 1
       call look(march, system, h, right(n))
       call guess_rates(left, right(n), right(n - 1))
-      if (right(n - 1)%h - h < near*whole) call correct_rates(right(n), right(n - 1))
-      if (h - left%h < near*whole .and. left%h > 0.0_wp) call correct_rates(left, right(n))
+      call correct_rates(left, right(n), right(n - 1), march%settings%order, near*whole, march%roots%zero, defect)
       found = ends_event(march, left, right(n), k)
       if (found) exit
     end do
@@ -164,6 +167,7 @@ contains
     if (.not. allocated(at%g)) allocate (at%g(system%roots), at%rate(system%roots))
     call march%pack_trial()
     call system%find_roots(march%tried, march%trial, .true., at%g, at%rate, march%roots%zero)
+    at%raw = at%rate
   end subroutine look
 
   !> Rates that the system does not know: those of the parabola through three lengths.
@@ -181,17 +185,32 @@ contains
     end do
   end subroutine guess_rates
 
-  !> The end of a longer step is not that of a longer time by the rates alone: they have the method's own error. What two lengths
-  !> near each other show is added.
-  pure subroutine correct_rates(left, right)
-    type(root_values), intent(inout) :: left, right
-    real(wp) :: d                             ! [any/s]
+  !> The end of a longer step is not that of a longer time: with the local error C h^(p+1) of a method of order p a root changes with
+  !> the length h at its rate plus (p+1) C h^p. C follows from the values at the length tried last and the nearer one of both beside
+  !> it, with the parabola through the three rates between them. A dip that may be none is finer than that parabola, unless the
+  !> lengths are near each other.
+  pure subroutine correct_rates(left, at, right, order, close, zero, defect)
+    type(root_values), intent(inout) :: left, at, right
+    integer, intent(in) :: order              !! p
+    real(wp), intent(in) :: close             !! lengths that differ by less are near each other [s]
+    real(wp), intent(in) :: zero(:)           !! (roots) values so small are zero [any]
+    real(wp), intent(inout) :: defect(:)      !! (roots) C as it is known so far [any]
+    real(wp) :: h(3), r(3), change, bend      ! the length tried last, the nearer one, the other one [s], [any/s], [any], [any/s3]
+    logical :: later                          ! the nearer one is the longer one
     integer :: k
-    do k = 1, size(left%g)
-      if (max(left%g(k), right%g(k), left%rate(k), right%rate(k)) >= huge(1.0_wp)) cycle
-      d = (right%g(k) - left%g(k))/(right%h - left%h) - 0.5_wp*(left%rate(k) + right%rate(k))
-      left%rate(k) = left%rate(k) + d
-      right%rate(k) = right%rate(k) + d
+    later = right%h - at%h < at%h - left%h
+    h = [at%h, merge(right%h, left%h, later), merge(left%h, right%h, later)]
+    do k = 1, size(zero)
+      if (right%g(k) >= -zero(k) .and. abs(h(2) - h(1)) >= close) cycle
+      r = [at%raw(k), merge(right%raw(k), left%raw(k), later), merge(left%raw(k), right%raw(k), later)]
+      if (maxval(r) >= huge(1.0_wp) .or. max(left%g(k), at%g(k), right%g(k)) >= huge(1.0_wp)) cycle
+      change = merge(right%g(k), left%g(k), later) - at%g(k)
+      bend = ((r(3) - r(2))/(h(3) - h(2)) - (r(2) - r(1))/(h(2) - h(1)))/(h(3) - h(1))
+      if (abs(change) > digits_of_change*zero(k)) defect(k) = (change - (h(2) - h(1))*(0.5_wp*(r(1) + r(2)) - &
+        bend*(h(2) - h(1))**2/6))/(h(2)**(order + 1) - h(1)**(order + 1))
+      left%rate(k) = left%raw(k) + (order + 1)*defect(k)*left%h**order
+      at%rate(k) = at%raw(k) + (order + 1)*defect(k)*at%h**order
+      right%rate(k) = right%raw(k) + (order + 1)*defect(k)*right%h**order
     end do
   end subroutine correct_rates
 

@@ -42,7 +42,8 @@ module time_stepper
   !> Roots at the end of a step of some length, as `find_roots` says.
   type, public :: root_values
     real(wp) :: h = 0.0_wp                    !! [s]
-    real(wp), allocatable :: g(:), rate(:)    !! (roots) [any], [any/s]
+    real(wp), allocatable :: g(:), rate(:)    !! (roots); rates by the length, as far as they are known [any], [any/s]
+    real(wp), allocatable :: raw(:)           !! (roots) rates as the system says them [any/s]
   end type root_values
 
   !> Roots at the present state, and an event there (`event_location`).

@@ -113,22 +113,27 @@ contains
     logical, intent(in) :: explicit           !! the method's steps have to follow the stiffness
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in) :: g(0:1), rate(0:1) !! penetration at both ends, and its rates [m], [m/s] or [rad], [rad/s]
-    integer, parameter :: parts = 16
-    real(wp) :: depth(0:parts), force(0:parts), speed, s
-    integer :: i
+    integer, parameter :: parts(2) = [2, 16]  ! the fewer ones say whether there is a maximum between the ends at all
+    real(wp) :: depth(0:maxval(parts)), force(0:maxval(parts)), speed, s
+    integer :: i, j, n
     self%steps = self%steps + 1
-    do i = 0, parts
-      s = real(i, wp)/parts
-      depth(i) = g(0) + s**2*(3 - 2*s)*(g(1) - g(0)) + h*s*(1 - s)*((1 - s)*rate(0) - s*rate(1))
-      speed = 6*s*(1 - s)*(g(1) - g(0))/h + (1 - s)*(1 - 3*s)*rate(0) + s*(3*s - 2)*rate(1)
-      force(i) = m%s%forces(k)%item%contact_force(with, depth(i), speed)
+    do j = 1, size(parts)
+      n = parts(j)
+      do i = 0, n
+        s = real(i, wp)/n
+        depth(i) = g(0) + s**2*(3 - 2*s)*(g(1) - g(0)) + h*s*(1 - s)*((1 - s)*rate(0) - s*rate(1))
+        speed = 6*s*(1 - s)*(g(1) - g(0))/h + (1 - s)*(1 - 3*s)*rate(0) + s*(3*s - 2)*rate(1)
+        force(i) = m%s%forces(k)%item%contact_force(with, depth(i), speed)
+      end do
+      if (.not. (arched(depth) .or. arched(force))) exit
     end do
-    self%depth = max(self%depth, peak(depth))
-    self%force = max(self%force, peak(force))
+    self%depth = max(self%depth, peak(depth(:n)))
+    self%force = max(self%force, peak(force(:n)))
     self%age = self%age + h
     self%to_end = max(g(1), 0.0_wp)/max(abs(rate(1)), tiny(1.0_wp))
     if (0.5_wp*self%age > self%time) self%longest = huge(1.0_wp)
-    if (explicit) self%longest = min(self%longest, m%s%forces(k)%item%contact_step(with, self%mass, maxval(depth), maxval(rate)))
+    if (explicit) self%longest = min(self%longest, &
+                                     m%s%forces(k)%item%contact_step(with, self%mass, maxval(depth(:n)), maxval(rate)))
   end subroutine note_step
 
   !> A force that begins and ends as the power n of time, its derivatives without bound there, leaves a method of order p the order
@@ -147,6 +152,12 @@ contains
     first = part*(h/part)**(1/(1 - growth))
     if (h < part) longest = h*min(1.0_wp, max(self%to_end, first)/part)**growth
   end function graded
+
+  !> Whether the parabola through three equidistant values has its maximum between them.
+  pure logical function arched(x) result(yes)
+    real(wp), intent(in) :: x(0:)             !! the first three are meant [any]
+    yes = 4*x(1) > 3*x(0) + x(2) .and. 4*x(1) > x(0) + 3*x(2)
+  end function arched
 
   !> The largest of equidistant values, by the parabola through it and its neighbours.
   pure real(wp) function peak(x)              ! [any]

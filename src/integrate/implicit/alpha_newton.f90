@@ -18,28 +18,34 @@ module alpha_newton
   real(wp), parameter :: small = 1.0e-3_wp         !! Newton's error, of what the accelerations' change of change moves [-]
   real(wp), parameter :: unseen = 4*epsilon(1.0_wp)   !! corrections below the last digit of positions, of the scene's size [-]
   real(wp), parameter :: weak = 1.0e-5_wp          !! pivot of rows below which contractions are measured, offsets found anew [-]
+  real(wp), parameter, public :: near_length = 0.02_wp   !! matrices of lengths so near serve again while an event is located [-]
   integer, parameter :: trust = 10                 !! steps for which a contraction that was measured is believed
 
 contains
 
   !> Tries a step to time t1; ok is false where Newton's method fails.
-  subroutine solve_trial(self, system, t1, ok)
+  subroutine solve_trial(self, system, t1, again, ok)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! [s]
+    logical, intent(in) :: again              !! the trial before was a step of another length from the same state
     logical, intent(out) :: ok
+    real(wp) :: share                         ! of the change in that trial, of which the first guess is made [-]
     logical :: slowly, exact
+    share = 0.0_wp
+    if (again) share = self%now%h/self%h_tried
+    self%h_tried = self%now%h
     if (self%stale) call prepare_step(self, system, 0.0_wp, ok)
     exact = self%newton%exact_left > 0
-    call newton(self, system, t1, exact, .false., ok, slowly)
+    call newton(self, system, t1, share, exact, .false., ok, slowly)
     if ((slowly .or. .not. ok) .and. .not. exact) then
       self%newton%exact_left = exact_steps
       if (.not. ok) then
         exact = .true.
-        call newton(self, system, t1, exact, .false., ok, slowly)
+        call newton(self, system, t1, 0.0_wp, exact, .false., ok, slowly)
       end if
     end if
-    if (.not. ok .and. system%rows > 0) call newton(self, system, t1, exact, .true., ok, slowly)   ! a singular position
+    if (.not. ok .and. system%rows > 0) call newton(self, system, t1, 0.0_wp, exact, .true., ok, slowly)   ! a singular position
     if (.not. ok) return
     associate (nq => self%nq, z => self%nq + 1)
       call system%deformations(t1, self%x1(1:nq), self%v1(1:nq), self%dx(z:))
@@ -152,32 +158,40 @@ contains
     end associate
   end subroutine give_offsets
 
-  !> First guess: the accelerations of the step's start.
-  pure subroutine predict(self)
+  !> First guess: the accelerations of the step's start, and a share of their change in the trial before.
+  pure subroutine predict(self, share)
     type(alpha_solver), intent(inout) :: self
-    real(wp) :: a, a1                         ! [m/s2, rad/s2]
+    real(wp), intent(in) :: share             !! [-]
+    real(wp) :: a, a1, change                 ! [m/s2, rad/s2]
     integer :: i
     associate (s => self%now, x1 => self%x1, v1 => self%v1)
       do i = 1, size(self%x)
+        change = share*(self%vd1(i) - self%vd(i))
         self%vd1(i) = self%vd(i)
         a = self%vd(i) + s%h*self%lag(i)
         a1 = self%vd(i) + s%aa*s%h*self%lag(i)
         x1(i) = self%x(i) + s%h*self%v(i) + s%qa*a + s%qa1*a1
         v1(i) = self%v(i) + s%va*a + s%va1*a1
+        if (share <= 0.0_wp .or. i > self%nq) cycle
+        self%vd1(i) = self%vd1(i) + change
+        v1(i) = v1(i) + s%c2/s%c1*change
+        x1(i) = x1(i) + change/s%c1
       end do
       do i = 1, self%nq
         x1(i) = x1(i) - s%h*self%offset(i)
         v1(i) = v1(i) - self%offset(i)
       end do
     end associate
-    self%lambda1 = self%lambda
+    if (share > 0.0_wp) self%lambda1 = self%lambda + share*(self%lambda1 - self%lambda)
+    if (share <= 0.0_wp) self%lambda1 = self%lambda
   end subroutine predict
 
   !> Newton iterations from the prediction. The matrix is that of the prediction; a new one where it contracts slowly.
-  subroutine newton(self, system, t1, exact, hold, ok, slowly)
+  subroutine newton(self, system, t1, share, exact, hold, ok, slowly)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! [s]
+    real(wp), intent(in) :: share             !! as `predict` has it [-]
     logical, intent(in) :: exact              !! whether the exact matrix is used
     logical, intent(in) :: hold               !! whether rows that depend on others are held back
     logical, intent(out) :: ok                !! converged
@@ -192,17 +206,17 @@ contains
     goal = 0.0_wp
     rate = 0.0_wp
     reach = 1.0_wp
-    call predict(self)
+    call predict(self, share)
     associate (nq => self%nq, x1 => self%x1, v1 => self%v1, vd1 => self%vd1)
       call give_offsets(self, system, x1(nq + 1:), v1(nq + 1:), vd1(nq + 1:))
       do k = 1, most_iterations
         call system%residual(t1, x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, .true., self%gaps(:, 0))
-        if (k == 1 .or. slowly) then
+        if ((k == 1 .and. abs(share - 1) > near_length) .or. slowly) then
           call system%renew(x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, exact, hold, good)
           if (exact) self%newton%factors(2) = self%newton%factors(2) + system%blocks
           if (.not. good) return
-          if (k == 1) reach = system%reach
         end if
+        if (k == 1) reach = system%reach
         blur = noise*reach
         call system%correction(self%gaps(:, 0), self%dx(1:nq), self%dlambda)
         self%newton%iterations = self%newton%iterations + 1

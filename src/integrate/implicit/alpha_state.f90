@@ -55,6 +55,7 @@ module alpha_state
     real(wp), allocatable :: gain(:)         !! (nz) dz/d(deformation) in this step: 1/(1 + viscosity c2 + inertia c1) [-]
     real(wp), allocatable :: resolved(:)     !! (nz) the part of their motion that the step resolves: 1 slow, 0 much faster [-]
     type(energy_sums) :: energy
+    real(wp) :: h_tried = 0.0_wp             !! length of the trial step [s]
     logical :: stale = .false.               !! restored: factors are to be made again
     type(position_measure) :: measure
     type(newton_memory) :: newton

@@ -3,7 +3,7 @@ module alpha_stepper
   use kinds, only: wp
   use archive, only: value_archive
   use alpha_error, only: error_vector, remember_error
-  use alpha_newton, only: solve_trial, take_trial
+  use alpha_newton, only: near_length, solve_trial, take_trial
   use alpha_start, only: start_method, change_step
   use alpha_state, only: alpha_solver, set_up_alpha, same_step, pack, exchange_alpha
   use generalized_alpha, only: chung_hulbert
@@ -13,7 +13,6 @@ module alpha_stepper
   implicit none (type, external)
   private
 
-  real(wp), parameter :: near_length = 0.02_wp   !! where an event is located, factors of constants so near serve again [-]
   real(wp), parameter :: aim = 0.04_wp        !! local errors add up over a run: the part of the tolerance that each may take [-]
 
   !> The method.
@@ -78,7 +77,7 @@ contains
       self%dense_times = [self%t, h]
       call pack_ends(self%solver, self%dense(:, 1:2))
     end if
-    call solve_trial(self%solver, system, self%tried, ok)
+    call solve_trial(self%solver, system, self%tried, self%roots%locating, ok)
     self%solver%stale = self%roots%locating   ! another step of this length has its own factors
   end subroutine solve_step
 

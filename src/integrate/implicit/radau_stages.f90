@@ -21,6 +21,7 @@ module radau_stages
   real(wp), parameter :: noise = 1.0e-11_wp        !! corrections below that do not shrink are rounding, of the scales [-]
   real(wp), parameter :: fixed_goal = 1.0e-9_wp      !! fixed steps: last correction of Newton's method, of the scales [-]
   real(wp), parameter :: fixed_reduction = 1.0e-7_wp   !! fixed steps: the same, of the first correction [-]
+  real(wp), parameter :: near_length = 0.02_wp     !! matrices of lengths so near serve again while an event is located [-]
   real(wp), parameter :: far = 1.0e3_wp            !! longest step to which the last one's polynomial leads, over that one [-]
 
   !> Internal variables.
@@ -115,19 +116,35 @@ contains
     self%eta = 1.0_wp
   end subroutine start_stages
 
-  !> First guess of the stages: the polynomial of the last step goes on, unless that was a small piece of a step.
-  subroutine predict_stages(self, system, t, h)
+  !> First guess of the stages: the polynomial of the last trial, where that was a step of another length from the same state; else
+  !> that of the last step goes on, unless it was a small piece of a step.
+  subroutine predict_stages(self, system, t, h, again)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t, h             !! [s]
-    real(wp) :: w(4), w3(3)
+    logical, intent(in) :: again             !! it was
+    real(wp) :: w(4), w3(3), share(3, 3), lambda(3, 3)
     integer :: i
+    if (again) then
+      do i = 1, 3
+        w = lagrange_weights([0.0_wp, self%method%c], self%method%c(i)*h/self%h)
+        share(:, i) = w(2:)
+        lambda(:, i) = lagrange_weights(self%method%c, self%method%c(i)*h/self%h)
+      end do
+      do i = 1, self%nq
+        self%u(i, :) = matmul(self%u(i, :), share)
+      end do
+      do i = 1, self%rows
+        self%lambda(i, :) = matmul(self%lambda(i, :), lambda)
+      end do
+    end if
     self%t = t
     self%h = h
     if (self%nz > 0) call system%deformations(t, self%q0, self%v0, self%inner%delta0)
     do i = self%nzd + 1, self%nz - system%linear
       self%inner%zd0(i) = (self%inner%delta0(i) - self%inner%z0(i))/self%inner%viscosity(i)
     end do
+    if (again) return
     do i = 1, 3
       if (h < far*self%last_h) then
         w = lagrange_weights([0.0_wp, self%method%c], 1 + self%method%c(i)*h/self%last_h)
@@ -243,27 +260,31 @@ contains
 
   !> The stages of a step from t; ok is false where Newton's method fails, also in a second trial, with dependent
   !> rows of the constraints regularised as near a singular position.
-  subroutine solve_stages(self, system, norm, t, h, tolerance, ok)
+  subroutine solve_stages(self, system, norm, t, h, tolerance, again, ok)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: t, h             !! [s]
     real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
+    logical, intent(in) :: again             !! the last trial was a step of another length from the same state
     logical, intent(out) :: ok
-    call predict_stages(self, system, t, h)
-    call newton(self, system, norm, tolerance, .false., ok)
+    logical :: fresh
+    fresh = .not. (again .and. abs(h - self%h) <= near_length*h)
+    call predict_stages(self, system, t, h, again)
+    call newton(self, system, norm, tolerance, .false., fresh, ok)
     if (ok .or. self%rows == 0) return
-    call predict_stages(self, system, t, h)
-    call newton(self, system, norm, tolerance, .true., ok)
+    call predict_stages(self, system, t, h, .false.)
+    call newton(self, system, norm, tolerance, .true., .true., ok)
   end subroutine solve_stages
 
   !> Newton iterations from the prediction.
-  subroutine newton(self, system, norm, tolerance, regularise, ok)
+  subroutine newton(self, system, norm, tolerance, regularise, fresh, ok)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
     logical, intent(in) :: regularise
+    logical, intent(in) :: fresh             !! matrices are made anew
     logical, intent(out) :: ok
     real(wp) :: d, before, theta, eta, goal
     integer :: k
@@ -278,7 +299,7 @@ contains
     if (tolerance > 0.0_wp) goal = tolerance*max(10*epsilon(1.0_wp)/tolerance, min(0.03_wp, sqrt(tolerance)))
     do k = 1, most_iterations
       call stage_residuals(self, system)
-      if (k == 1 .or. (theta > slow .and. .not. again)) then
+      if ((k == 1 .and. fresh) .or. (theta > slow .and. .not. again)) then
         again = k > 1
         if (again) self%full_block_left = full_block_steps
         call renew(self, system, regularise, ok)

@@ -88,7 +88,7 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     logical, intent(out) :: ok
     call ready(self, system)
-    call solve_stages(self%stages, system, self%norm, self%t, h, self%settings%tolerance, ok)
+    call solve_stages(self%stages, system, self%norm, self%t, h, self%settings%tolerance, self%roots%locating, ok)
   end subroutine solve_step
 
   !> The estimated error.
