@@ -1,6 +1,6 @@
 !> What contacts with the stops of a scene ask of steps, by an example: nothing is known yet of the speeds at which they will touch.
 module stop_advice
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use contact_mass, only: mass_at, drives_against
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
@@ -11,7 +11,7 @@ module stop_advice
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: advise_stops
+  public :: advise_stops, follows, cannot_follow
 
   integer, parameter :: most_lines = 10     !! of words; summary.json has all
 
@@ -40,6 +40,25 @@ contains
     call text%line('  dopri5 and radau with a tolerance take such steps only where they are needed; fixed steps are divided there')
   end subroutine advise_stops
 
+  !> Whether what bodies are made of can follow a contact: half a period of the highest frequency that they carry is shorter.
+  pure logical function follows(m, b, time)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b                   !! body, 0: the ground
+    real(wp), intent(in) :: time               !! that the contact lasts [s]
+    follows = .true.
+    if (b == 0) return
+    if (m%s%bodies(b)%flexible) follows = time >= pi/max(m%s%bodies(b)%basis%carried, sqrt(tiny(1.0_wp)))
+  end function follows
+
+  !> Says that they cannot, as part of a sentence.
+  pure function cannot_follow(m, b) result(text)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b                   !! body
+    character(:), allocatable :: text
+    text = 'less than half a period of what the mesh or modes of body "'//trim(m%s%bodies(b)%name)//'" can carry ('// &
+           to_text(m%s%bodies(b)%basis%carried)//' rad/s)'
+  end function cannot_follow
+
   !> Stiffness, speed at touching, length and steps of a contact as deep as the example.
   subroutine one_stop(m, ev, i, text)
     type(mechanism_model), intent(in) :: m
@@ -47,6 +66,7 @@ contains
     integer, intent(in) :: i                   !! its number among those that switch
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: words
+    integer :: b, side
     real(wp) :: mass, depth, stiffness, speed, time   ! [kg], [m], [N/m], [m/s] or [kg m2], [rad], [N m/rad], [rad/s]; [s]
     mass = mass_at(m, ev, m%s%switching(i))
     select type (f => m%s%forces(m%s%switching(i))%item)
@@ -71,6 +91,10 @@ contains
         words = words//', against '//to_text(mass)//trim(merge(' kg m2', ' kg   ', f%angular))//'; a contact from '// &
                 to_text(speed)//trim(merge(' rad/s', ' m/s  ', f%angular))//' lasts '//to_text(time)//' s and takes steps of '// &
                 to_text(share_of_contact*time)//' s'
+        do side = 1, 2
+          b = m%s%markers(merge(f%ia, f%ib, side == 1))%body
+          if (.not. follows(m, b, time)) words = words//new_line('a')//'    warning: that is '//cannot_follow(m, b)
+        end do
       else
         words = words//'; its force moves nothing'
         if (len(drives_against(m, ev)) > 0) words = words//', for what it limits is prescribed by drive'//drives_against(m, ev)

@@ -2,11 +2,13 @@
 module stop_words
   use contact_mass, only: mass_at, drives_against
   use evaluation_results, only: evaluation
-  use kinds, only: wp, pi
+  use kinds, only: wp
   use readable_text, only: json_text
   use results, only: most_events
   use scene_run, only: run_state, warn
+  use step_bounds, only: step_of
   use step_counts, only: actual_step
+  use stop_advice, only: cannot_follow, follows
   use summary_text, only: summary_record
   use text, only: es_text, to_text
   use transient, only: transient_march
@@ -33,6 +35,7 @@ contains
       call text%figure(', pressed again ', 'pressed', sum(all%pressed), rest='')
       call text%close()
       if (.not. run%d%transient%adaptive) call tell_division(run, text)
+      call tell_bound(run, text)
       if (march%files%events > most_events) call text%line('  events.txt has the first '//to_text(most_events)//' of them')
       call text%open('stops', '[')
       do i = 1, size(all)
@@ -51,6 +54,32 @@ contains
         'contact allows ', 'step_in_contact', h, 3, rest=' s')
     end associate
   end subroutine tell_division
+
+  !> The current bound with the stiffness of contacts: that of the stop whose mode is the fastest. The largest eigenvalue of
+  !> K + k g g' is at most the sum of that of K and of k g' M^-1 g.
+  subroutine tell_bound(run, text)
+    type(run_state), intent(in) :: run
+    type(summary_record), intent(inout) :: text
+    complex(wp) :: root                        ! of a contact's mode [1/s]
+    real(wp) :: smallest, h                    ! [s]
+    integer :: i, worst
+    if (run%monitor%method == 0) return
+    smallest = huge(1.0_wp)
+    worst = 0
+    do i = 1, run%sys%m%s%stops
+      associate (x => run%sys%tally(i))
+        if (.not. max(x%stiffness, x%damping) > 0.0_wp) cycle
+        root = sqrt(cmplx(0.25_wp*x%damping**2 - x%stiffness - run%monitor%fastest**2, 0.0_wp, wp))
+        h = min(run%monitor%smallest, step_of(run%monitor%method, [-0.5_wp*x%damping + root, -0.5_wp*x%damping - root]))
+        if (h >= smallest) cycle
+        smallest = h
+        worst = i
+      end associate
+    end do
+    if (worst == 0) return
+    call text%figure('  smallest current bound of the step while stops touched: ', 'smallest_bound_in_contact', smallest, 4)
+    call text%line(' s (stop "'//trim(run%sys%m%s%forces(run%sys%m%s%switching(worst))%item%name)//'")')
+  end subroutine tell_bound
 
   !> One stop: what touched when, how hard, what it took.
   subroutine one_stop(run, i, text)
@@ -107,13 +136,9 @@ contains
     associate (m => run%sys%m, x => run%sys%tally(i), f => run%sys%m%s%forces(run%sys%m%s%switching(i))%item)
       do side = 1, 2
         b = m%s%markers(merge(f%ia, f%ib, side == 1))%body
-        if (b == 0) cycle
-        if (.not. m%s%bodies(b)%flexible) cycle
-        if (x%briefest >= pi/max(m%s%bodies(b)%basis%carried, sqrt(tiny(1.0_wp)))) cycle
-        call warn(run, 'a contact with stop "'//trim(f%name)//'" lasts'// &
-          es_text(x%briefest, 2)//' s, less than half a period of what the mesh or modes of body "'//trim(m%s%bodies(b)%name)// &
-          '" can carry ('//to_text(m%s%bodies(b)%basis%carried)//' rad/s): its force is not converged (more elements or modes, '// &
-          'or a softer stop)', text)
+        if (follows(m, b, x%briefest)) cycle
+        call warn(run, 'a contact with stop "'//trim(f%name)//'" lasts'//es_text(x%briefest, 2)//' s, '//cannot_follow(m, b)// &
+          ': its force is not converged (more elements or modes, or a softer stop)', text)
       end do
       if (x%mass < huge(1.0_wp) .or. .not. x%depth > 0.0_wp) return
       work = run%sys%ev

@@ -81,7 +81,7 @@ module force_element
     procedure :: start_state => no_start_state    !! its state where no event has led to it
     procedure :: state_word => no_word            !! a state in a word, for files
     procedure :: contact_force => no_contact      !! force of a penetration and its rate
-    procedure :: contact_step => any_step         !! a step with which explicit methods follow a mass on it
+    procedure :: contact_rates => no_contact_rates   !! those of a mass on it
     procedure :: smoothness => smooth_ends        !! power of the time with which its force begins and ends
   end type force_model
 
@@ -299,14 +299,17 @@ contains
   end function no_contact
 
   !> Most elements touch nothing.
-  pure real(wp) function any_step(self, with, mass, depth, rate) result(h)   ! [s]
+  pure subroutine no_contact_rates(self, with, mass, depth, rate, stiffness, damping)
     class(force_model), intent(in) :: self
     type(conditions), intent(in) :: with          !! with its present state
     real(wp), intent(in) :: mass                  !! [kg] or [kg m2]
     real(wp), intent(in) :: depth                 !! [m] or [rad]
     real(wp), intent(in) :: rate                  !! [m/s] or [rad/s]
-    h = huge(1.0_wp)
-  end function any_step
+    real(wp), intent(out) :: stiffness            !! over the mass [1/s2]
+    real(wp), intent(out) :: damping              !! over the mass [1/s]
+    stiffness = 0.0_wp
+    damping = 0.0_wp
+  end subroutine no_contact_rates
 
   !> Most elements act smoothly.
   pure real(wp) function smooth_ends(self) result(power)   ! [-]

@@ -67,7 +67,7 @@ module stops
     procedure :: start_state => stop_start
     procedure :: state_word => stop_word
     procedure :: contact_force => stop_force
-    procedure :: contact_step => longest_step
+    procedure :: contact_rates
     procedure :: smoothness => power_of_time
   end type stop_model
 
@@ -247,17 +247,18 @@ contains
     if (depth > 0.0_wp) time = pi*sqrt(mass/self%stiffness_at(depth))
   end function rest_time
 
-  !> A step with which explicit methods follow a mass on the stop: c h/m at most 2, where they are stable, and sqrt(k/m) h at most
-  !> 0.5, where they hardly damp its vibration.
-  pure real(wp) function longest_step(self, with, mass, depth, rate) result(h)   ! [s]
+  !> Stiffness and damping against a mass on the stop.
+  pure subroutine contact_rates(self, with, mass, depth, rate, stiffness, damping)
     class(stop_model), intent(in) :: self
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: mass           !! [kg] or [kg m2]
     real(wp), intent(in) :: depth          !! [m] or [rad]
     real(wp), intent(in) :: rate           !! [m/s] or [rad/s]
-    h = 1/max(tiny(1.0_wp), 0.5_wp*self%hardness*max(depth, 0.0_wp)**self%exponent*present_damping(self, with)/mass + &
-              2*sqrt(self%stiffness_at(depth)*max(self%factor(rate, with), 0.0_wp)/mass))
-  end function longest_step
+    real(wp), intent(out) :: stiffness     !! over the mass [1/s2]
+    real(wp), intent(out) :: damping       !! over the mass [1/s]
+    stiffness = self%stiffness_at(depth)*max(self%factor(rate, with), 0.0_wp)/mass
+    damping = self%hardness*max(depth, 0.0_wp)**self%exponent*present_damping(self, with)/mass
+  end subroutine contact_rates
 
   !> The force against the penetration; what damping takes, or what a contact loses that lets go.
   pure subroutine stop_act(self, p, with, z, zd, zdd, x)
