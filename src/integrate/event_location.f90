@@ -185,10 +185,10 @@ contains
     end do
   end subroutine guess_rates
 
-  !> The end of a longer step is not that of a longer time: with the local error C h^(p+1) of a method of order p a root changes with
-  !> the length h at its rate plus (p+1) C h^p. C follows from the values at the length tried last and the nearer one of both beside
-  !> it, with the parabola through the three rates between them. A dip that may be none is finer than that parabola, unless the
-  !> lengths are near each other.
+  !> The end of a longer step is not that of a longer time: with the local error C h^(p+1) of a method of order p a root changes
+  !> with the length h at its rate plus (p+1) C h^p. C follows from the values at the length tried last and the nearer one of both
+  !> beside it, with the parabola through the three rates between them. A dip that may be none is finer than that parabola, unless
+  !> the lengths are near each other.
   pure subroutine correct_rates(left, at, right, order, close, zero, defect)
     type(root_values), intent(inout) :: left, at, right
     integer, intent(in) :: order              !! p
