@@ -146,6 +146,8 @@ contains
     allocate (part%switching_rows(0))
     part%elements = size(part%switching)
     part%stop_rows = 0
+    deallocate (part%integrated)
+    allocate (part%integrated(0))
     part%joints = count(kept(:all%joints))
     part%permanent = size(part%constraints)
     part%rows = 0

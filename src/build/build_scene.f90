@@ -7,6 +7,7 @@ module build_scene
   use build_constraints, only: make_constraints, place_friction
   use build_controllers, only: make_controllers, place_controllers
   use build_loads, only: make_forces, place_stop_rows
+  use build_power_sources, only: list_integrated
   use build_quantities, only: make_quantity
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use sorting, only: sort_by_number
@@ -78,6 +79,7 @@ contains
       end associate
     end do
     call place_friction(s)
+    call list_integrated(d, s)
     do k = 1, size(s%forces)
       associate (f => s%forces(k)%item, pair => acting(:, s%permanent + k)%marker)
         alone = f%switches .and. .not. any(f%acts_on() .and. [.true., .true., .false., .true., .true., .false.])
@@ -123,8 +125,8 @@ contains
     end do
   end subroutine number_unknowns
 
-  !> Numbers internal variables: those of second order, bodies then force elements, and those of first order in the same way, then the states of controllers;
-  !> the length of the state follows.
+  !> Numbers internal variables: those of second order, bodies then force elements, and those of first order in the same way, then
+  !> the states of controllers; the length of the state follows.
   pure subroutine number_internal(s)
     type(scene), intent(inout) :: s
     integer :: k, r, pass
@@ -146,7 +148,7 @@ contains
       s%nz = s%nz + s%controllers(k)%states
     end do
     call number_losses(s)
-    s%quadratures = 2 + s%elements + size(s%losses)
+    s%quadratures = 2 + s%elements + size(s%losses) + size(s%integrated)
     s%ny = 2*s%nq + s%nz + s%nzd + s%quadratures
   end subroutine number_internal
 

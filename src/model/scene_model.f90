@@ -1,7 +1,8 @@
 !> A whole scene as the solver sees it: bodies, markers, constraints, springs, loads, and where each one's unknowns stand in the
 !> state. State: q (x, y, angle, elastic coordinates, body after body), v (their rates), z (internal variables: those of second
 !> order, bodies then springs, those of first order, states of controllers), z' of those of second order, then dissipated energy,
-!> work, and what dissipates by itself: each element that switches, each term of a material, each damped spring.
+!> work, what dissipates by itself (each element that switches, each term of a material, each damped spring), and the energies that
+!> sensors integrate.
 module scene_model
   use kinds, only: wp
   use body, only: body_model
@@ -18,6 +19,15 @@ module scene_model
     integer :: term = 0                         !! of the material's law
     integer :: spring = 0                       !! its number among the force elements, 0: a material's term
   end type loss_cause
+  !> Where power comes from or goes to: one of these. Force elements, drives and joints put it in, the last ones into their body a;
+  !> the materials of a body dissipate it.
+  type, public :: power_source
+    integer :: element = 0                      !! number of a force element
+    integer :: drive = 0                        !! number of a drive among the constraints
+    integer, allocatable :: joint(:)            !! numbers of a joint and of its friction among the constraints
+    integer :: body = 0                         !! number of a body
+    integer :: sensor = 0                       !! the deck's number of the sensor that asks for it
+  end type power_source
 
   !> The scene.
   type, public :: scene
@@ -43,6 +53,7 @@ module scene_model
     integer :: elements = 0                     !! that have such: these, then the rows that switch
     type(loss_cause), allocatable :: losses(:)  !! terms of materials, then springs
     integer :: term_losses = 0                  !! how many of them are terms of materials
+    type(power_source), allocatable :: integrated(:)   !! whose powers the state integrates for sensors
     integer, allocatable :: loaded(:)           !! markers on bodies where springs and loads act, body after body
     integer, allocatable :: loaded_first(:)     !! (nb+1) first entry of each body in it
     integer :: nq = 0                           !! coordinates

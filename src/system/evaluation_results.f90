@@ -10,9 +10,10 @@ module evaluation_results
   use marker, only: marker_states
   use mechanism, only: mechanism_model
   use multipliers, only: multiplier_system
+  use scene_model, only: power_source
   implicit none (type, external)
   private
-  public :: evaluation, set_up_evaluation, conditions_of, motion_of_row, powers_of
+  public :: evaluation, set_up_evaluation, conditions_of, motion_of_row, power_of, powers_of, row_power
 
   !> The bodies' frames.
   type :: frame_results
@@ -85,6 +86,7 @@ module evaluation_results
     real(wp), allocatable :: change(:)          !! (nq) correction of the accelerations, or work [m/s2, rad/s2]
     real(wp) :: dissipated_power = 0.0_wp       !! by force elements and Rayleigh damping [W]
     real(wp), allocatable :: loss(:)            !! (term losses) power dissipated by each term of each material [W]
+    real(wp), allocatable :: dissipated_in(:)   !! (nb) by the materials of each body, where sensors integrate [W]
     real(wp) :: input_power = 0.0_wp            !! of loads and drives [W]
     logical :: broken = .false.                 !! a condensed mass matrix lost positive definiteness
     integer(ip) :: evaluations = 0              !! right-hand sides so far
@@ -118,6 +120,7 @@ contains
         allocate (r%acceleration(n), source=0.0_wp)
       end if
     end associate
+    allocate (ev%dissipated_in(nb), source=0.0_wp)
     allocate (ev%elastic(nb), ev%attached(nb), ev%action(size(m%s%forces)), ev%work(2, maxval([0, m%s%bodies%nf])))
     do k = 1, nb
       if (.not. m%flexible(k)) cycle
@@ -202,8 +205,8 @@ contains
     if (m%s%forces(k)%item%row > 0) with%multiplier = ev%lambda(m%s%forces(k)%item%row)
   end function conditions_of
 
-  !> What the state integrates: power dissipated by all, put in, and dissipated by each element that switches, also by friction,
-  !> by each term of each material and by each damped spring.
+  !> What the state integrates: power dissipated by all, put in, dissipated by each element that switches, also by friction, by each
+  !> term of each material, by each damped spring, and what sensors integrate.
   pure subroutine powers_of(m, ev, power)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -226,5 +229,46 @@ contains
     do k = m%s%term_losses + 1, size(m%s%losses)
       power(n + k) = ev%action(m%s%losses(k)%spring)%dissipated
     end do
+    n = n + size(m%s%losses)
+    do k = 1, size(m%s%integrated)
+      power(n + k) = power_of(m, ev, m%s%integrated(k))
+    end do
   end subroutine powers_of
+
+  !> The power of one source in the last evaluation.
+  pure real(wp) function power_of(m, ev, source) result(power)   ! [W]
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    type(power_source), intent(in) :: source
+    power = row_power(m, ev, source, ev%lambda)
+    if (source%body > 0) power = ev%dissipated_in(source%body)
+    if (source%element == 0) return
+    associate (f => m%s%forces(source%element)%item, does => ev%action(source%element), p => ev%p)
+      power = dot_product(does%a(1:2), p%v(:, f%ia)) + does%a(3)*p%rate(f%ia)
+      if (f%ib /= f%ia) power = power + dot_product(does%b(1:2), p%v(:, f%ib)) + does%b(3)*p%rate(f%ib)
+    end associate
+  end function power_of
+
+  !> The same by constraint rows alone: of a drive its multiplier times what it prescribes, of a joint, with its friction, the power
+  !> of its reaction on body a.
+  pure real(wp) function row_power(m, ev, source, lambda) result(power)   ! [W], of impulses [J]
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    type(power_source), intent(in) :: source
+    real(wp), intent(in) :: lambda(:)           !! (rows) multipliers [N], or impulses [N s]
+    integer :: i, k
+    power = 0.0_wp
+    if (source%drive > 0) then
+      i = m%s%constraints(source%drive)%item%first
+      power = lambda(i)*ev%rows%phi_t(i)
+    else if (allocated(source%joint)) then
+      do k = 1, size(source%joint)
+        associate (c => m%s%constraints(source%joint(k))%item, r => ev%rows, p => ev%p)
+          do i = c%first, c%first + c%rows - 1
+            power = power - lambda(i)*(dot_product(r%na(:, i), p%v(:, c%ia)) + r%sa(i)*p%rate(c%ia))
+          end do
+        end associate
+      end do
+    end if
+  end function row_power
 end module evaluation_results

@@ -12,7 +12,7 @@ module impacts
   use complementarity, only: solve_complementarity
   use constraint, only: row_motion
   use dynamics, only: evaluate_motion, motion_state
-  use evaluation_results, only: evaluation, conditions_of, motion_of_row
+  use evaluation_results, only: evaluation, conditions_of, motion_of_row, row_power
   use force_element, only: by_position, most_roots, root_rounding, watched_roots
   use friction_row, only: creeping, friction_model, row_slips, stopped
   use joint_response, only: apply_multipliers
@@ -40,6 +40,7 @@ module impacts
     real(wp), allocatable :: impulse(:)       !! (switching elements) largest of this pass [N s] or [N m s]
     real(wp), allocatable :: flight(:)        !! (switching elements) until it is met again, as far as this moment tells [s]
     real(wp) :: work = 0.0_wp                 !! of drives [J]
+    real(wp), allocatable :: integrated(:)    !! energies of the sources that sensors integrate [J]
   end type impact_result
 
   !> The stops that are touched.
@@ -72,6 +73,7 @@ contains
     integer, allocatable :: others(:), before(:)   ! states
     allocate (x%lost(size(m%s%switching)), x%impulse(size(m%s%switching)), source=0.0_wp)
     allocate (x%flight(size(m%s%switching)), source=huge(1.0_wp))
+    allocate (x%integrated(size(m%s%integrated)), source=0.0_wp)
     call find_contacts(m, ev, at%q, at%v, fallen, c)
     x%any = c%n > 0
     if (.not. x%any) return
@@ -213,9 +215,11 @@ contains
       call push(c, u <= c%still, merge((1 + c%e)*u, 0.0_wp, met), impulse, solved)
       if (.not. solved) exit
       after = u + matmul(c%w, impulse)
+      call add_work()
       v = v + matmul(c%response, impulse)
       x%work = x%work + dot_product(matmul(c%joints, impulse), ev%rows%phi_t)
       call marker_kinematics(m, ev, q, v)
+      call add_work()
       do i = 1, c%n
         associate (n => c%element(i), weight => merge(m%s%size, 1.0_wp, m%s%forces(m%s%switching(c%element(i)))%item%angular))
           x%lost(n) = x%lost(n) - 0.5_wp*(after(i) + u(i))*impulse(i)
@@ -227,6 +231,14 @@ contains
       c%fallen = c%fallen .and. c%closed
     end do
     x%conflict = c%element(minloc(u, 1))
+  contains
+    !> Impulses of drives and joints work at the mean of the velocities before and after: half of it at each of them.
+    subroutine add_work()
+      integer :: k
+      do k = 1, size(x%integrated)
+        x%integrated(k) = x%integrated(k) + 0.5_wp*row_power(m, ev, m%s%integrated(k), matmul(c%joints, impulse))
+      end do
+    end subroutine add_work
   end subroutine strike
 
   !> Joints with friction that move after an impact slip as they do, also those that stuck before.

@@ -218,6 +218,8 @@ contains
       if (.not. ok) self%conflict = maxloc(x%impulse, 1)
       y(e + 1) = y(e + 1) + sum(x%lost)
       y(e + 2) = y(e + 2) + x%work
+      k = size(y) - size(x%integrated) + 1
+      y(k:) = y(k:) + x%integrated
       do k = 1, size(x%lost)
         y(e + 2 + k) = y(e + 2 + k) + x%lost(k)
         if (is_rigid_stop(self%m, k)) call self%tally(k)%note_impact(x%impulse(k), x%flight(k))

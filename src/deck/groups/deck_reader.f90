@@ -242,7 +242,7 @@ contains
     subroutine check_response()
       integer :: k
       do k = 1, size(d%sensors)
-        if (d%response%present .and. any(d%sensors(k)%quantity == [character(6) :: 'power', 'energy', 'stress'])) call &
+        if (d%response%present .and. any(d%sensors(k)%quantity == [character(6) :: 'power', 'work', 'energy', 'stress'])) call &
           d%sensors(k)%at%blame(source%faults, 'quantity='//quoted(trim(d%sensors(k)%quantity))//' has no linear response, '// &
           'expected it in a deck without &frequency_response')
       end do

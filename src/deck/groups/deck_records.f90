@@ -199,10 +199,10 @@ module deck_records
     type(marker_record) :: marker            !! body and marker, where the quantity has one (frame angles: node 0)
     logical :: relative = .false.            !! against another marker
     type(marker_record) :: other             !! that marker
-    integer :: joint = 0                     !! friction, reaction: index of the joint, or
-    integer :: drive = 0                     !! reaction, power: index of the drive
-    integer :: force = 0                     !! power: index of the force
-    integer :: spring = 0                    !! spring, power: index
+    integer :: joint = 0                     !! friction, reaction, power, work: index of the joint, or
+    integer :: drive = 0                     !! reaction, power, work: index of the drive
+    integer :: force = 0                     !! power, work: index of the force
+    integer :: spring = 0                    !! spring, power, work: index
     integer :: stop = 0                      !! stop: index
     integer :: controller = 0                !! controller: index
     integer :: element = 0                   !! internal: element number of marker%body

@@ -28,24 +28,24 @@ contains
     call get_name(deck, s)
     call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
       'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring', 'stop', &
-      'distance', 'power', 'energy', 'stress', 'friction', 'controller'], required)
+      'distance', 'power', 'work', 'energy', 'stress', 'friction', 'controller'], required)
     call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic//' energy', &
       node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
     call forbid_ground(deck, 'body', s%marker%body, 'does not move')
     call read_marker(deck, d, '_b', s%other, .not. required, body_kinds=points//' '//angles, node_kinds=points//' '//angles, &
       point_kinds=points, frame_kinds=angles)
     s%relative = deck%is_choice('distance') .or. deck%is_set('body_b')
-    call get_reference(deck, 'joint', in_joint, s%joint, deck%is_choice('friction'), kinds='reaction friction')
-    call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction power')
-    call get_reference(deck, 'force', in_force, s%force, kinds='power')
-    call get_reference(deck, 'spring', in_spring, s%spring, deck%is_choice('spring'), kinds='spring power')
+    call get_reference(deck, 'joint', in_joint, s%joint, deck%is_choice('friction'), kinds='reaction friction power work')
+    call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction power work')
+    call get_reference(deck, 'force', in_force, s%force, kinds='power work')
+    call get_reference(deck, 'spring', in_spring, s%spring, deck%is_choice('spring'), kinds='spring power work')
     call get_reference(deck, 'stop', in_stop, s%stop, required, kinds='stop')
     call get_reference(deck, 'controller', in_controller, s%controller, required, kinds='controller')
     call get(deck, 'element', s%element, required, least=1, kinds='internal')
     call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
     call get(deck, 'accuracy', s%accuracy, above=0.0_wp, below=1.0_wp)
     call get(deck, 'floor', s%floor, least=0.0_wp)
-    if (deck%is_choice(angles//' distance power') .and. any(lower(s%name) == columns)) call deck%complain('name', &
+    if (deck%is_choice(angles//' distance power work') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
     call check_reaction()
     call check_friction()
@@ -71,13 +71,14 @@ contains
       end associate
     end subroutine check_friction
 
-    !> A power is that of one drive, force or spring.
+    !> A power or work is that of one drive, force, spring or joint.
     subroutine check_power()
       integer :: given
-      if (.not. deck%is_choice('power')) return
-      given = count([deck%is_given('drive'), deck%is_given('force'), deck%is_given('spring')])
-      if (given == 0) call deck%note_missing('drive', 'drive, force or spring', kinds='power')
-      if (given > 1) call deck%complain('quantity', 'more than one of drive, force and spring is given, expected one of them')
+      if (.not. deck%is_choice('power work')) return
+      given = count([deck%is_given('drive'), deck%is_given('force'), deck%is_given('spring'), deck%is_given('joint')])
+      if (given == 0) call deck%note_missing('drive', 'drive, force, spring or joint', kinds='power work')
+      if (given > 1) call deck%complain('quantity', 'more than one of drive, force, spring and joint is given, expected one of '// &
+        'them')
     end subroutine check_power
 
     !> Elastic quantities are those of beams and frames; the element must exist.

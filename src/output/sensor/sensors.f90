@@ -4,6 +4,7 @@ module sensors
   use kinds, only: wp
   use angle_sensor, only: angle_sensor_model
   use build_markers, only: begin_markers, find_marker, marker_table
+  use build_power_sources, only: friction_of, source_of
   use build_quantities, only: make_quantity
   use controller_sensor, only: controller_sensor_model
   use coordinate_sensor, only: coordinate_sensor_model
@@ -23,8 +24,9 @@ module sensors
   use section_sensor, only: section_sensor_model
   use sensor, only: observation, sensor_box, sensor_model, harmonic_motion
   use spring_sensor, only: spring_sensor_model
-  use stress_sensor, only: stress_sensor_model
   use stop_sensor, only: stop_sensor_model
+  use stress_sensor, only: stress_sensor_model
+  use work_sensor, only: work_sensor_model
   implicit none (type, external)
   private
   public :: sensor_list, set_up_sensors, read_sensors, read_linear_sensors
@@ -55,7 +57,7 @@ contains
     allocate (list%sensors(n), list%first(n), list%names(5*n + 1))
     markers = begin_markers(size(m%s%bodies))
     do k = 1, n
-      call make_sensor(d, d%sensors(k), m, markers, list%sensors(k)%item, suffix)
+      call make_sensor(d, k, m, markers, list%sensors(k)%item, suffix)
       associate (s => list%sensors(k)%item, r => d%sensors(k))
         s%name = r%name
         s%number = find_marker(m%s, markers, r%marker)
@@ -94,15 +96,17 @@ contains
   end subroutine make_relative
 
   !> The factory of sensors: the deck's word into the kind, and what follows the sensor's name in the name of each of its columns.
-  subroutine make_sensor(d, r, m, markers, item, suffixes)
+  subroutine make_sensor(d, number, m, markers, item, suffixes)
     type(deck), intent(in) :: d
-    type(sensor_record), intent(in) :: r
+    integer, intent(in) :: number                  !! of the sensor
     type(mechanism_model), intent(in) :: m
     type(marker_table), intent(inout) :: markers
     class(sensor_model), allocatable, intent(out) :: item
     character(suffix_length), allocatable, intent(out) :: suffixes(:)
+    type(sensor_record) :: r
     character(:), allocatable :: unit
     integer, allocatable :: row(:)                 ! of friction, among the constraints
+    r = d%sensors(number)
     select case (r%quantity)
     case ('position')
       suffixes = [character(suffix_length) :: '.x[m]', '.y[m]']
@@ -132,10 +136,10 @@ contains
       end associate
       suffixes = [character(suffix_length) :: '.q['//unit//']', '.qd['//unit//'/s]', '.qdd['//unit//'/s2]']
     case ('reaction')
-      item = reaction_sensor_model(constraints=[merge(r%joint, m%s%joints + r%drive, r%joint > 0), friction_of(m, r%joint)])
+      item = reaction_sensor_model(constraints=[merge(r%joint, m%s%joints + r%drive, r%joint > 0), friction_of(m%s, r%joint)])
       suffixes = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
     case ('friction')
-      row = friction_of(m, r%joint)
+      row = friction_of(m%s, r%joint)
       item = friction_sensor_model(row=row(1))
       suffixes = [character(suffix_length) :: '.f[N]', '.rate[m/s]', '.state[-]', '.share[-]']
       if (m%s%constraints(row(1))%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.rate[rad/s]']
@@ -144,15 +148,17 @@ contains
       suffixes = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]', '.s[Pa]']
       if (.not. m%s%bodies(r%marker%body)%elements(r%element)%fibre > 0.0_wp) suffixes = suffixes(:4)   ! no shape, no stress
     case ('power')
-      item = power_sensor_model(constraint=merge(m%s%joints + r%drive, 0, r%drive > 0), &
-                                element=merge(m%s%springs + r%force, r%spring, r%force > 0))
+      item = power_sensor_model(source=source_of(m%s, r))
       suffixes = [character(suffix_length) :: '[W]']
+    case ('work')
+      item = work_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1))
+      suffixes = [character(suffix_length) :: '[J]']
     case ('stress')
       item = stress_sensor_model()
       suffixes = [character(suffix_length) :: '.s[Pa]', '.element[-]']
     case ('energy')
-      item = energy_sensor_model()
-      suffixes = [character(suffix_length) :: '.kinetic[J]', '.strain[J]']
+      item = energy_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1))
+      suffixes = [character(suffix_length) :: '.kinetic[J]', '.strain[J]', '.dissipated[J]']
     case ('stop')
       item = stop_sensor_model(element=m%s%switching(r%stop))
       suffixes = [character(suffix_length) :: '.f[N]', '.gap[m]', '.state[-]']
@@ -190,17 +196,6 @@ contains
     end do
     call move_alloc(shown, item)
   end subroutine make_quantities
-
-  !> The constraint that is a joint's friction; none where it has none.
-  pure function friction_of(m, joint) result(row)
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: joint                   !! its number, 0: no joint
-    integer, allocatable :: row(:)
-    integer :: k
-    row = pack(m%s%switching_rows, [(m%s%constraints(m%s%switching_rows(k))%item%parent == joint, k=1, &
-                                     size(m%s%switching_rows))])
-    if (joint == 0) row = row(:0)
-  end function friction_of
 
   !> Values of all columns at an evaluated state (m holds the accelerations and multipliers of that state).
   subroutine read_sensors(list, m, ev, y, values)

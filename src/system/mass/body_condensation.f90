@@ -60,7 +60,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) [m, rad], (nzd) per second
     real(wp) :: g(2), thetad, qmq, qmv, moment, power, p(2), hp(2), sq(2), sv(2), rest_q, rest_v, turned_q
-    real(wp) :: sx(2), sy(2), tx, ty
+    real(wp) :: sx(2), sy(2), tx, ty, before
     integer :: i, n
     i = self%s%qo(b) + 3
     thetad = v(i)
@@ -75,8 +75,10 @@ contains
       if (body%shape%split) turned_q = dot_product(body%shape%m_turned, q(i + 1:i + n))
       p = body%i1 + sq
       hp = body%shape%rest_i1 + turn(sq)
+      if (size(self%s%integrated) > 0) before = sum(ev%loss)
       call elastic_forces(body, self%s%bodies(b)%segments, z, zd, thetad, w, ev%zdd, qmq, qmv, moment, &
                           ev%loss, power)
+      if (size(self%s%integrated) > 0) ev%dissipated_in(b) = power + (sum(ev%loss) - before)
       ev%dissipated_power = ev%dissipated_power + power
       ev%frame%first_moment(:, b) = p
       ev%frame%rhs(1, b) = body%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)

@@ -115,15 +115,19 @@ contains
     real(wp), intent(in) :: lambda(:)                         !! (rows) [N]
     real(wp), intent(in), contiguous :: z(:), zd(:)           !! (nz) [m, rad] and per second
     real(wp), intent(out) :: power(:)                         !! as `powers_of` [W]
+    real(wp) :: lost                                          ! [W]
     integer :: k, b, i, n
+    ev%dissipated_in = 0.0_wp
     ev%dissipated_power = 0.0_wp
     ev%loss = 0.0_wp
     ev%input_power = 0.0_wp
     call applied_forces(m, ev, ev%options, t, z, zd)
     do k = 1, size(self%terms)
       associate (s => self%terms(k))
-        if (s%body > 0) ev%loss(s%loss) = ev%loss(s%loss) + s%alpha*s%viscosity &
-                                          *term_product(s, m%s, zd(s%first:s%last), zd(s%first:s%last))
+        if (s%body == 0) cycle
+        lost = s%alpha*s%viscosity*term_product(s, m%s, zd(s%first:s%last), zd(s%first:s%last))
+        ev%loss(s%loss) = ev%loss(s%loss) + lost
+        ev%dissipated_in(s%body) = ev%dissipated_in(s%body) + lost
       end associate
     end do
     do b = 1, size(self%eq)
@@ -133,11 +137,13 @@ contains
       associate (eq => self%eq(b), op => m%s%bodies(b)%op)
         eq%elastic = 0.0_wp
         call add_product(op%symmetric, op%c, v(i + 1:i + n), eq%elastic(1:))
-        ev%dissipated_power = ev%dissipated_power + dot_product(v(i + 1:i + n), eq%elastic(1:))
+        lost = dot_product(v(i + 1:i + n), eq%elastic(1:))
+        ev%dissipated_power = ev%dissipated_power + lost
+        ev%dissipated_in(b) = ev%dissipated_in(b) + lost
       end associate
     end do
     call drive_powers(m, ev, lambda)
-    if (allocated(ev%rows%off)) ev%lambda = lambda       ! friction dissipates by them
+    ev%lambda = lambda                        ! friction dissipates by them, sensors read powers of drives and joints
     call powers_of(m, ev, power)
   end subroutine find_powers
 
