@@ -71,6 +71,33 @@ def test_an_impact_oscillator_has_the_orbit_of_its_closed_form(run_deck):
     assert np.abs(np.array([words[4] for words in impacts]) - v).max() < 1e-8
 
 
+def test_impulses_of_joints_and_drives_work(run_deck):
+    """An impact at the forearm changes the upper arm's energy by what the elbow's impulse does; a drive takes the rest."""
+    run = run_deck("""&body name='base' mass=1.0 inertia=1.0 /
+&body name='arm' mass=0.7 inertia=0.01 com=0.2,0.05 angle=0.4 angular_velocity=2.0 /
+&body name='fore' mass=0.5 inertia=0.004 com=0.15,0.0 position={0.4*cos(0.4)},{0.4*sin(0.4)} angle=-0.3 angular_velocity=-6.0 /
+&joint name='o' type='revolute' body_a='base' /
+&history name='h' kind='polynomial' coefficients=0.0,0.5 /
+&drive name='d' body_a='base' history='h' /
+&joint name='s' type='revolute' body_a='arm' body_b='base' point_b=0.0,0.0 /
+&joint name='e' type='revolute' body_a='fore' body_b='arm' point_b=0.4,0.0 /
+&stop name='f' type='position' body_a='fore' point_a=0.3,0.0 direction={pi/2} lower=0.05 restitution=0.6 /
+&stop name='l' type='rotation' body_a='arm' body_b='base' upper=0.6 restitution=0.5 /
+&sensor name='e' quantity='work' joint='e' /
+&sensor name='s' quantity='work' joint='s' /
+&sensor name='d' quantity='work' drive='d' /
+&sensor name='arm' quantity='energy' body='arm' /
+&sensor name='fore' quantity='energy' body='fore' /
+&transient t_end=0.6 method='dopri5' tolerance=1e-12 output_step=0.01 /
+""")
+    h = run.history
+    lost = {stop["name"]: stop["lost"] for stop in run.transient["stops"]}
+    assert min(lost.values()) > 1e-3
+    assert np.abs(h["fore.kinetic"] - h["fore.kinetic"][0] - h["e"])[-1] == pytest.approx(lost["f"], rel=1e-9)
+    assert np.ptp(h["d"]) > 1e-3
+    assert h["d"] == pytest.approx(run.energy["work"], abs=1e-13)
+
+
 class Linkage:
     """The two links of input/bouncing_linkage.nml by their angles: DOP853 between impacts, impulses by the 2 x 2 mass matrix."""
 

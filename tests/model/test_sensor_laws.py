@@ -114,12 +114,57 @@ def test_the_largest_stress_is_that_of_the_element_it_names(run):
     np.testing.assert_array_equal(h["most.element"], 1 + both.argmax(axis=0))
 
 
-def test_a_drives_power_is_the_rate_of_its_work(run_deck):
-    text = HEAD + "&body name='a' kind='rigid' mass=0.4 inertia=1.0e-3 com=0.1,0.02 /\n"
-    text += "&joint name='j' type='revolute' body_a='a' /\n"
-    text += "&history name='h' kind='sine' amplitude=0.4 frequency=3.0 /\n&drive name='d' body_a='a' history='h' /\n"
-    run = run_deck(text + "&sensor name='p' quantity='power' drive='d' /\n" + transient(0.1, 2.0e-4))
-    close(run.history["p"][3:-3], differentiate(run.energy["work"], 2.0e-4))
+LINKAGE = """&scene gravity=0.0,0.0 /
+&material name='m' density=1500.0 young=1.0e8 ghm_alpha=0.5 ghm_zeta=1.2 ghm_omega=900.0 prony_alpha=0.3 prony_tau=1e-3
+  rayleigh_stiffness=1e-6 /
+&section name='s' shape='rectangle' width=0.02 height=0.02 /
+&body name='crank' mass=0.2 inertia=1e-3 com=0.05,0.0 angle={70*deg} /
+&body name='coupler' kind='beam' length=0.4 elements=2 material='m' section='s' position={0.1*cos(70*deg)},{0.1*sin(70*deg)} angle=0.3 /
+&body name='rocker' mass=0.5 inertia=0.02 com=0.15,0.0 position=0.45,0.0 angle=1.6 /
+&joint name='a' type='revolute' body_a='crank' /
+&joint name='b' type='revolute' body_a='coupler' node_a=1 body_b='crank' point_b=0.1,0.0 /
+&joint name='c' type='revolute' body_a='rocker' point_a=0.25,0.0 body_b='coupler' node_b=-1 /
+&joint name='d' type='revolute' body_a='rocker' point_b=0.45,0.0 friction=0.2 pin_radius=0.02 preload=0.1 /
+&history name='turn' kind='sine' amplitude=0.5 frequency=5.0 offset=1.2 /
+&drive name='motor' body_a='crank' history='turn' relative=.true. /
+&history name='push' kind='sine' amplitude=30.0 frequency=8.0 /
+&force name='f' body='coupler' node=2 fx=1.0 history='push' axes='section' /
+&spring name='k' type='torsional' body_a='rocker' stiffness=20.0 damping=0.1 ghm_alpha=1.0 ghm_zeta=1.0 ghm_omega=50.0 free_angle=1.5 /
+"""
+SOURCES = {"a": "joint", "b": "joint", "c": "joint", "d": "joint", "motor": "drive", "f": "force", "k": "spring"}
+INTEGRATED = [
+    ("method='rk4' step=4e-5", 1e-7),
+    ("method='dopri5' tolerance=1e-9", 1e-12),
+    ("method='radau' tolerance=1e-8", 1e-9),
+    ("method='generalized_alpha' step=1e-4", 2e-4),
+]
+
+
+@pytest.mark.parametrize("method, near", INTEGRATED, ids=[m.split("'")[1] for m, _ in INTEGRATED])
+def test_each_body_has_its_own_balance(run_deck, method, near):
+    """What joints, drives, forces and springs bring a body is in its energies, or dissipated there."""
+    text = LINKAGE + f"&transient t_end=0.04 {method} output_step=2e-4 /\n"
+    for name, kind in SOURCES.items():
+        text += f"&sensor name='{name}' quantity='work' {kind}='{name}' /\n&sensor name='p{name}' quantity='power' {kind}='{name}' /\n"
+    text += "".join(f"&sensor name='e_{body}' quantity='energy' body='{body}' /\n" for body in ("crank", "coupler", "rocker"))
+    run = run_deck(text)
+    h, e = run.history, run.energy
+    size = near * np.ptp(h["motor"])
+    bodies = {
+        "crank": h["motor"] + h["a"] - h["b"],
+        "coupler": h["b"] - h["c"] + h["f"],
+        "rocker": h["c"] + h["d"] + h["k"],
+    }
+    for body, brought in bodies.items():
+        has = h[f"e_{body}.kinetic"] + h[f"e_{body}.strain"]
+        assert np.abs(has - has[0] + h[f"e_{body}.dissipated"] - brought).max() < size, body
+    assert np.abs(h["motor"] + h["f"] - e["work"]).max() < 1e-12
+    assert np.abs(h["d"] + e["friction"]).max() < 1e-12
+    assert np.abs(h["a"]).max() < 1e-12
+    assert h["e_coupler.dissipated"][-1] > 1e-5
+    for name in SOURCES:                       # events have corners of powers
+        rate = differentiate(h[name], 2e-4)
+        assert np.median(np.abs(rate - h[f"p{name}"][3:-3])) <= 1e-4 * np.ptp(h[f"p{name}"]) + 1e-12, name
 
 
 def test_deflections_and_section_angles_fit_the_motion(run):

@@ -34,6 +34,8 @@ SCENE = """&scene title='two beams, a drive, a spring, a pulse' gravity=0.0,-9.8
 &sensor name='tip' quantity='acceleration' body='b' node=-1 /
 &sensor name='pin' quantity='reaction' joint='q' /
 &sensor name='motor' quantity='reaction' drive='motor' /
+&sensor name='work' quantity='work' joint='q' /
+&sensor name='kept' quantity='energy' body='a' /
 &transient t_end=0.1 {method} output_step={output} motion_step=1e-3 checkpoint_interval={interval} /
 """
 METHODS = {
