@@ -8,7 +8,7 @@ module typical_slips
   use deck_records, only: deck, marker_record, history_record
   use history, only: history_model
   use posix, only: tell
-  use text, only: to_text
+  use text, only: quoted, to_text
   implicit none (type, external)
   private
   public :: warn_of_slips
@@ -46,13 +46,25 @@ contains
     end do
   end subroutine idle_parameters
 
-  !> Forces and lumps that keep their default of 0.
+  !> Forces and lumps that keep their default of 0, forces and controllers that act nowhere, accuracies that nothing asks for.
   subroutine idle_parts(d)
     type(deck), intent(in) :: d
     integer :: k
     do k = 1, size(d%forces)
       if (d%forces(k)%type /= 'force' .or. maxval(abs([d%forces(k)%fx, d%forces(k)%fy])) > 0.0_wp) cycle
       call warn(d%forces(k)%at, 'fx and fy are 0: it pushes nothing')
+    end do
+    do k = 1, size(d%forces)
+      if (d%forces(k)%controller > 0 .and. d%forces(k)%stage == 'static') call warn(d%forces(k)%at, 'stage=''static'' beside '// &
+        'controller: controllers act in the transient alone, so that the force never acts')
+    end do
+    do k = 1, size(d%controllers)
+      if (.not. any(d%forces%controller == k)) call warn(d%controllers(k)%at, 'no force obeys it (controller='//quoted( &
+        trim(d%controllers(k)%name))//' of a &force): it moves nothing')
+    end do
+    do k = 1, size(d%sensors)
+      if (d%transient%accuracy > 0.0_wp .or. max(d%sensors(k)%accuracy, d%sensors(k)%floor) <= 0.0_wp) cycle
+      call warn(d%sensors(k)%at, 'accuracy and floor are those of a &transient with accuracy: nothing uses them here')
     end do
     do k = 1, size(d%lumps)
       if (max(d%lumps(k)%mass, d%lumps(k)%inertia) > 0.0_wp) cycle

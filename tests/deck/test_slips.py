@@ -42,6 +42,21 @@ SLIPS = {
         PLAIN + "&joint name='k' type='distance' body_a='d' point_a=80.0,0.0 point_b=90.0,0.0 /\n",
         "6: body/d: warning: it reaches 80 m",
     ),
+    "a controller in statics": (
+        PLAIN + "&history name='h' kind='polynomial' coefficients=1.0 /\n&sensor name='a' quantity='angle' body='d' /\n"
+        "&controller name='c' argument='a' history='h' kp=1.0 /\n"
+        "&force name='f' type='torque' body='d' moment=1.0 controller='c' stage='static' /\n",
+        "12: force/f: warning: stage='static' beside controller",
+    ),
+    "a controller of nothing": (
+        PLAIN + "&history name='h' kind='polynomial' coefficients=1.0 /\n&sensor name='a' quantity='angle' body='d' /\n"
+        "&controller name='c' argument='a' history='h' kp=1.0 /\n",
+        "11: controller/c: warning: no force obeys it",
+    ),
+    "an accuracy that nothing keeps": (
+        PLAIN + "&sensor name='a' quantity='angle' body='d' floor=1e-3 /\n",
+        "9: sensor/a: warning: accuracy and floor are those of a &transient with accuracy",
+    ),
     "gravity in mm": (PLAIN.replace("9.81", "9810.0"), "1: scene: warning: gravity of 9810 m/s2"),
     "loose": (PLAIN + "&body name='x' mass=1.0 inertia=1.0 /\n", "9: body/x: warning: no joint, drive, spring or force names it"),
     "loose beside a spring": (
