@@ -29,7 +29,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from .histories import read, read_summary
+from .histories import read, read_summary, still_columns
 from .result_files import HistoryError
 
 COUNTS = {
@@ -92,6 +92,7 @@ class Outcome:
         counts: steps, evaluations, newton, residuals, solves, coordinates, dissipative,
             first_order, multipliers
         warnings: of the solver, a sentence each
+        still: columns that only rounding moves, as the solver has found; none: it has said nothing
     """
 
     status: int
@@ -102,6 +103,7 @@ class Outcome:
     seconds: float = float("nan")
     counts: dict[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    still: tuple[str, ...] | None = None
 
     @property
     def ok(self) -> bool:
@@ -337,7 +339,9 @@ class Runner:
         seconds = summary["timing"]["processor_seconds"]
         units = tuple(history.units[name] for name in history.names[1:])
         warnings = tuple(summary.get("warnings", ()))
-        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts, warnings)
+        still = still_columns(summary)
+        still = None if still is None else tuple(still)
+        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts, warnings, still)
 
     def _show(self, stage: str, done: int, count: int) -> None:
         """Draw the progress bar on a terminal."""
@@ -397,4 +401,5 @@ def _load(path: Path) -> Outcome:
     with np.load(path) as kept:
         rest = json.loads(str(kept["rest"]))
         rest |= {name: tuple(rest.get(name, ())) for name in ("names", "units", "warnings")}
+        rest["still"] = None if rest.get("still") is None else tuple(rest["still"])
         return Outcome(data=kept["data"], **rest)

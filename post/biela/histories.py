@@ -211,6 +211,33 @@ def read_events(folder: str | Path) -> list[Event]:
     return events
 
 
+def common_still(runs: list[History]) -> dict[str, float] | None:
+    """Return the columns of `still_columns` that stand still at one value in all runs; none where a run has no such list."""
+    found = []
+    for run in runs:
+        try:
+            found.append(still_columns(read_summary(run.path.parent)) if run.path.name == RESULT_FILES["history"] else None)
+        except HistoryError:
+            found.append(None)
+    if not found or any(one is None for one in found):
+        return None
+    return {name: value for name, value in found[0].items() if all(one.get(name) == value for one in found)}
+
+
+def still_columns(figures: dict) -> dict[str, float] | None:
+    """Return the columns of a history that only rounding moves, as the solver has found, and the value at which each stands.
+
+    Args:
+        figures: those of summary.json
+
+    Returns:
+        none where no transient has come to an end that could tell.
+    """
+    if figures.get("status") is None or "reached" not in figures.get("transient", {}):
+        return None
+    return {name.partition("[")[0]: value for name, value in figures["transient"].get("still_columns", {}).items()}
+
+
 def read_summary(folder: str | Path) -> dict:
     """Read the figures of a run, summary.json of its results folder (input/README.md says what they mean).
 

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import ScalarFormatter
 
-from .histories import History, read, read_events
+from .histories import History, common_still, read, read_events
 from .picture_files import save
 from .result_files import RESULT_FILES, HistoryError
 
@@ -241,7 +241,13 @@ def usual_columns(run: History) -> list[str]:
 
 
 def moving(runs: list[History], names: list[str]) -> list[str]:
-    """Return the columns whose values exceed rounding, compared with the largest column of their unit, in any of the runs."""
+    """Return the columns whose values exceed rounding in any of the runs, as the solver says.
+
+    Files without such a statement: compared with the largest column of their unit.
+    """
+    still = common_still(runs)
+    if still is not None:
+        return [name for name in names if still.get(name, 1.0) != 0.0]
     size = {name: max((run.size(name) for run in runs if name in run), default=0.0) for name in names}
     units = {name: unit_of(runs, name) for name in names}
     largest = {unit: max(size[name] for name in names if units[name] == unit) for unit in units.values()}
@@ -271,7 +277,9 @@ def chosen_columns(runs: list[History], patterns: list[str] | None, against: str
         return names, []
     names = [name for name in names if name not in idle] or names
     idle = [name for name in idle if name not in names]
-    constant = [name for name in names if all(run.ends[name][1] - run.ends[name][0] <= STEADY * run.size(name) for run in runs)]
+    still = common_still(runs) or {}
+    steady = [all(run.ends[name][1] - run.ends[name][0] <= STEADY * run.size(name) for run in runs) for name in names]
+    constant = [name for name, stands in zip(names, steady) if stands or name in still]
     told = [f"{name} = {runs[0][name][0]:.6g} {pretty_unit(unit_of(runs, name))}".rstrip() for name in constant]
     return [name for name in names if name not in constant] or names, idle + (told if len(constant) < len(names) else [])
 

@@ -94,7 +94,12 @@ def scale_of(outcome: Outcome, sizes: dict[str, float]) -> np.ndarray:
 
 
 def rounding_columns(outcome: Outcome, sizes: dict[str, float]) -> list[str]:
-    """Return the columns that move by rounding alone, beside the largest of their unit or the scene's size; none where all do."""
+    """Return the columns that only rounding moves, as the solver has found; none where all do.
+
+    Where it has said nothing: those that move little beside the largest of their unit or the scene's size.
+    """
+    if outcome.still is not None:
+        return list(outcome.still) if len(outcome.still) < len(outcome.names) else []
     moved = np.ptp(outcome.data[:, 1:], axis=0)
     units = dict(zip(outcome.names, outcome.units))
     largest = {unit: max([sizes.get(unit, 0.0), *moved[[one == unit for one in outcome.units]]]) for unit in units.values()}

@@ -10,7 +10,11 @@ import subprocess
 
 import pytest
 from biela.commands import draw, export, plot, report
+from biela.deck_runs import Outcome
+from biela.histories import still_columns
+from biela.plot import chosen_columns
 from biela.result_files import note
+from biela.tradeoff_errors import Compared, truth_of
 from conftest import ROOT
 
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
@@ -169,3 +173,24 @@ def test_a_new_run_removes_what_was_drawn_of_the_former_one_and_nothing_else(run
     assert {path.name for path in folder.iterdir()} & {*drawn, ".drawn", "mine.png"} == {"mine.png"}
     assert not any(sheet.exists() for sheet in sheets)
     assert (tmp_path / "first.nml").is_file()
+
+
+def test_columns_that_only_rounding_moves_are_told_and_left_out(run_deck):
+    """A pin on the ground, its moment, a weight that is held; a motion of a ten-millionth of the size is none of them."""
+    done = run_deck(
+        PENDULUM.format(t_end=1.0, method="rk4")
+        + "&body name='block' mass=2.0 inertia=1.0 position=1.0,0.0 /\n&joint name='weld' type='weld' body_a='block' point_b=1.0,0.0 /\n"
+        + "&sensor name='pin' quantity='reaction' joint='pin' /\n&sensor name='pivot' quantity='position' body='a' /\n"
+        + "&sensor name='weight' quantity='reaction' joint='weld' /\n"
+        + "&body name='b' mass=1.0 inertia=0.1 position=2.0,0.0 angular_velocity=1e-7 /\n&sensor name='b' quantity='angle' body='b' /\n"
+        + "&joint name='q' type='revolute' body_a='b' point_b=2.0,0.0 /\n&sensor name='p' quantity='power' joint='pin' /\n"
+    )
+    told = still_columns(figures(done.folder))
+    assert told == pytest.approx({"pin.m": 0, "pivot.x": 0, "pivot.y": 0, "p": 0, "weight.fx": 0, "weight.fy": 19.62, "weight.m": 0})
+    assert "columns that only rounding moves" in done.summary
+    drawn, out = chosen_columns([done.history], None, None)
+    assert drawn == ["tip.x", "tip.y", "pin.fx", "pin.fy", "b"]
+    assert set(out) == (set(told) - {"weight.fy"}) | {"weight.fy = 19.62 N"}
+    columns = tuple(done.history.names[1:])
+    outcome = Outcome(0, "", columns, tuple(done.history.units[name] for name in columns), done.history.data, still=tuple(told))
+    assert set(truth_of(outcome, Compared({})).names) == set(drawn)

@@ -113,7 +113,7 @@ contains
     names = compared_names(run)
     associate (c => march%check)
       e = c%error_ratio*c%error
-      range = c%ranges(run%sys%m%s, names, run%d%transient%t_end)
+      range = c%seen%moved(run%sys%m%s, names, run%d%transient%t_end)
       asked = [(huge(1.0_wp), k=1, size(e))]
       if (c%stored) asked = asked_errors(run, c)
       if (c%stored .and. any(e > asked) .and. c%differ_at >= 0.0_wp) e = c%error_ratio*c%agreed
@@ -181,7 +181,7 @@ contains
     real(wp) :: accuracy                       ! [-]
     integer :: k, first, last
     names = compared_names(run)
-    asked = run%d%transient%accuracy*c%ranges(run%sys%m%s, names, run%d%transient%t_end)
+    asked = run%d%transient%accuracy*c%seen%moved(run%sys%m%s, names, run%d%transient%t_end)
     do k = 1, size(run%list%sensors)
       first = run%list%first(k)
       last = run%list%columns

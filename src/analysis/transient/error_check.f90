@@ -8,11 +8,11 @@
 module error_check
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use column_ranges, only: column_range
   use choose_stepper, only: make_stepper, method_order
   use deck_records, only: transient_record
   use energy_balance, only: balance_watch
   use mechanism_ode, only: mechanism_system
-  use scene_model, only: scene
   use sensors, only: sensor_list, read_sensors
   use step_counts, only: actual_step
   use stored_pass, only: pass_rows
@@ -34,7 +34,7 @@ module error_check
     real(wp), allocatable :: y(:)             !! (ny) state at its last row [m, rad], [m/s, rad/s], [J]
     real(wp), allocatable :: values(:)        !! (columns) of that row [of the column]
     real(wp), allocatable :: error(:)         !! (columns) largest difference so far [of the column]
-    real(wp), allocatable :: low(:), high(:)  !! (columns) smallest and largest value of the first run [of the column]
+    type(column_range) :: seen                !! values of the first run
     real(wp) :: error_ratio = 1.0_wp               !! error of the first run over the difference [-]
     integer(ip) :: done = -1                  !! rows done after that of t = 0
     real(wp) :: lost_at = -1.0_wp             !! time at which the second run was lost, < 0: it is not [s]
@@ -54,7 +54,6 @@ module error_check
     procedure :: advance
     procedure :: match_events
     procedure :: compare
-    procedure :: ranges
     procedure :: exchange
   end type error_watch
 
@@ -89,7 +88,8 @@ contains
     self%sys%ev%evaluations = 0
     call make_stepper(finer, sys%m%s, fastest, self%method)
     self%y = y
-    allocate (self%values(columns), self%error(columns), self%low(columns), self%high(columns), source=0.0_wp)
+    allocate (self%values(columns), self%error(columns), source=0.0_wp)
+    call self%seen%begin(columns)
     call self%method%begin(self%sys, 0.0_wp, y)
     call self%balance%begin(self%sys%m, r%t_end)
   end subroutine begin
@@ -104,11 +104,8 @@ contains
     self%active = .true.
     self%stored = .true.
     allocate (self%values(columns), self%error(columns), self%agreed(columns), source=0.0_wp)
-    self%low = minval(rows%values, 2)
-    self%high = maxval(rows%values, 2)
-    if (part) return
-    self%low = huge(1.0_wp)
-    self%high = -huge(1.0_wp)
+    call self%seen%begin(columns)
+    if (part) self%seen = column_range(minval(rows%values, 2), maxval(rows%values, 2))
   end subroutine begin_stored
 
   !> What the other pass has at a row.
@@ -126,8 +123,7 @@ contains
     real(wp), intent(in) :: values(:)         !! (columns) [of the column]
     type(balance_watch), intent(in) :: balance
     self%values = values
-    self%low = values
-    self%high = values
+    call self%seen%note(values)
     self%balance = balance
     self%done = 0
   end subroutine start
@@ -216,71 +212,20 @@ contains
     class(error_watch), intent(inout) :: self
     real(wp), intent(in) :: values(:)         !! (columns) [of the column]
     if (.not. self%active) return
-    self%low = min(self%low, values)
-    self%high = max(self%high, values)
+    call self%seen%note(values)
     if (self%lost_at >= 0.0_wp .or. (self%between .and. self%differ_at < 0.0_wp)) return
     if (self%differ_at >= 0.0_wp .and. .not. self%stored) return
     self%error = max(self%error, abs(values - self%values))
     if (self%stored .and. self%differ_at < 0.0_wp) self%agreed = self%error
   end subroutine compare
 
-  !> Range of each column; zero where it is rounding, beside the largest value of a column of the same unit or beside a
-  !> motion over the scene's size within the run [of the column].
-  pure function ranges(self, s, names, time) result(range)
-    class(error_watch), intent(in) :: self
-    type(scene), intent(in) :: s
-    character(*), intent(in) :: names(:)      !! (columns) with units in brackets
-    real(wp), intent(in) :: time              !! of the run [s]
-    real(wp) :: range(size(self%error))
-    real(wp), parameter :: digits = 1.0e-10_wp   !! [-]
-    real(wp) :: largest
-    integer :: k, j
-    range = self%high - self%low
-    do k = 1, size(range)
-      largest = unit_scale(unit_of(names(k)), sum(s%bodies%mass), s%size, time)
-      do j = 1, size(range)
-        if (unit_of(names(j)) == unit_of(names(k))) largest = max(largest, abs(self%low(j)), abs(self%high(j)))
-      end do
-      if (.not. self%high(k) - self%low(k) > digits*largest) range(k) = 0.0_wp
-    end do
-  end function ranges
-
-  !> A value of a unit, made of a mass, a length and a time [of the unit].
-  pure function unit_scale(unit, mass, length, time) result(x)
-    character(*), intent(in) :: unit
-    real(wp), intent(in) :: mass, length, time   !! [kg], [m], [s]
-    real(wp) :: x
-    select case (unit(:scan(unit//'/]', '/]') - 1))
-    case ('m')
-      x = length
-    case ('N')
-      x = mass*length/time**2
-    case ('Nm')
-      x = mass*(length/time)**2
-    case ('Pa')
-      x = mass/(length*time**2)
-    case ('kg^.5*m')
-      x = sqrt(mass)*length
-    case default                              ! rad
-      x = 1.0_wp
-    end select
-    if (index(unit, '/s]') > 0) x = x/time
-    if (index(unit, '/s2]') > 0) x = x/time**2
-  end function unit_scale
-
-  !> Unit of a column.
-  pure function unit_of(name) result(unit)
-    character(*), intent(in) :: name
-    character(:), allocatable :: unit
-    unit = trim(name(index(name, '[') + 1:))
-  end function unit_of
-
   !> Saves or restores the second run.
   subroutine exchange(self, a)
     class(error_watch), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     if (.not. self%active) return
-    call a%exchange(self%error, self%low, self%high)
+    call a%exchange(self%error)
+    call self%seen%exchange(a)
     call self%waiting%exchange(a)
     call self%others%exchange(a)
     call a%exchange(self%matched)

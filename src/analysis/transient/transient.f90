@@ -6,6 +6,7 @@ module transient
   use archive, only: value_archive
   use checkpoint, only: write_checkpoint
   use column_names, only: motion_row
+  use column_ranges, only: column_range
   use choose_stepper, only: make_stepper
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
@@ -38,6 +39,7 @@ module transient
     type(result_set) :: files
     type(balance_watch) :: balance
     type(error_watch) :: check                 !! estimate of the columns' errors, where the deck asks for it
+    type(column_range) :: seen                 !! values of all columns
     type(error_norm) :: norm                   !! largest values so far, to name what grows
     integer(ip) :: outputs = 0                 !! output intervals of the run
     integer(ip) :: done = 0                    !! of them done
@@ -99,6 +101,7 @@ contains
       march%outputs = step_count(0.0_wp, r%t_end, r%output_step)
       call march%balance%begin(run%sys%m, r%t_end)
       call run%watch%begin(run%sys%m)
+      call march%seen%begin(run%list%columns)
       call refuse_uneven(run, 'transient', status_failed, fail)
       if (fail%happened()) return
       run%sys%output_step = r%output_step
@@ -211,6 +214,7 @@ contains
       call judge(run, march, t, fail)
       if (fail%happened()) return
       call march%balance%count(march%method%steps)
+      call march%seen%note(files%values)
       if (march%search%active) then
         call compare_pass(run, march, t, k)
       else
@@ -339,6 +343,7 @@ contains
     call a%exchange(self%norm%largest)
     call self%files%exchange(a)
     call self%balance%exchange(a)
+    call self%seen%exchange(a)
     call self%check%exchange(a)
     call run%watch%exchange(a)
     call run%monitor%exchange(a)

@@ -54,6 +54,7 @@ contains
       end if
       if (r%motion_step > 0.0_wp) call motion_interval(run, text)
     end associate
+    call still_lines(run, march, text)
     call stop_lines(run, march, text)
     call friction_lines(run, text)
     call loss_lines(run, text)
@@ -61,6 +62,28 @@ contains
     call validity_lines(run, status, text)
     call text%close()
   end subroutine transient_lines
+
+  !> Names the columns that only rounding moves, with the values at which they stand.
+  subroutine still_lines(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    type(summary_record), intent(inout) :: text
+    real(wp), dimension(run%list%columns) :: range, value   ! [of the column]
+    integer :: k
+    if (march%done == 0) return
+    associate (names => run%list%names(:run%list%columns))
+      range = march%seen%moved(run%sys%m%s, names, run%d%transient%t_end)
+      value = march%seen%still(run%sys%m%s, names, run%d%transient%t_end)
+      if (all(range > 0.0_wp)) return
+      call text%line('  columns that only rounding moves, and where they stand:')
+      call text%open('still_columns', '{')
+      do k = 1, size(names)
+        if (range(k) > 0.0_wp) cycle
+        call text%figure('    '//trim(names(k))//' ', trim(names(k)), value(k), 9, rest='')
+      end do
+      call text%close()
+    end associate
+  end subroutine still_lines
 
   !> Says where a fixed step lay above the smallest current bound that was met.
   subroutine compare_step(run, text)

@@ -1,0 +1,119 @@
+!> Smallest and largest values of columns over the rows of a run, and which columns only rounding moves: these say nothing, and
+!> pictures, studies and estimates leave them out.
+module column_ranges
+  use kinds, only: wp
+  use archive, only: value_archive
+  use scene_model, only: scene
+  implicit none (type, external)
+  private
+
+  real(wp), parameter :: digits = 1.0e-10_wp  !! what a column moves beside the largest value of its kind, if that is rounding [-]
+
+  !> Ranges of all columns.
+  type, public :: column_range
+    real(wp), allocatable :: low(:), high(:)  !! (columns) [of the column]
+  contains
+    procedure :: begin
+    procedure :: note
+    procedure :: moved
+    procedure :: still
+    procedure :: exchange
+  end type column_range
+
+contains
+
+  !> Before the first row.
+  pure subroutine begin(self, columns)
+    class(column_range), intent(inout) :: self
+    integer, intent(in) :: columns
+    self%low = spread(huge(1.0_wp), 1, columns)
+    self%high = spread(-huge(1.0_wp), 1, columns)
+  end subroutine begin
+
+  !> A row.
+  pure subroutine note(self, values)
+    class(column_range), intent(inout) :: self
+    real(wp), intent(in) :: values(:)         !! (columns) [of the column]
+    self%low = min(self%low, values)
+    self%high = max(self%high, values)
+  end subroutine note
+
+  !> By how much each column moved; zero where that is rounding, beside the largest value of its kind [of the column].
+  pure function moved(self, s, names, time) result(range)
+    class(column_range), intent(in) :: self
+    type(scene), intent(in) :: s
+    character(*), intent(in) :: names(:)      !! (columns) with units in brackets
+    real(wp), intent(in) :: time              !! of the run [s]
+    real(wp) :: range(size(self%low))
+    range = self%high - self%low
+    where (.not. range > digits*sizes(self, s, names, time)) range = 0.0_wp
+  end function moved
+
+  !> The value at which a column stands still that only rounding moves; zero where that is rounding, too [of the column].
+  pure function still(self, s, names, time) result(value)
+    class(column_range), intent(in) :: self
+    type(scene), intent(in) :: s
+    character(*), intent(in) :: names(:)      !! (columns) with units in brackets
+    real(wp), intent(in) :: time              !! of the run [s]
+    real(wp) :: value(size(self%low))
+    value = 0.5_wp*(self%low + self%high)
+    where (.not. abs(value) > digits*sizes(self, s, names, time)) value = 0.0_wp
+  end function still
+
+  !> What each column is small against: the largest value of a column of the same unit, forces and moments by the scene's size; what a
+  !> motion over that size within the run makes of its unit [of the column].
+  pure function sizes(self, s, names, time) result(largest)
+    class(column_range), intent(in) :: self
+    type(scene), intent(in) :: s
+    character(*), intent(in) :: names(:)      !! (columns) with units in brackets
+    real(wp), intent(in) :: time              !! of the run [s]
+    real(wp) :: largest(size(self%low))
+    character(len(names)) :: unit(size(names))
+    real(wp) :: mine
+    integer :: k, j
+    do k = 1, size(names)
+      unit(k) = names(k)(index(names(k), '[') + 1:)
+    end do
+    do k = 1, size(names)
+      largest(k) = unit_scale(trim(unit(k)), sum(s%bodies%mass), s%size, time)
+      do j = 1, size(names)
+        mine = max(abs(self%low(j)), abs(self%high(j)))
+        if (unit(j) == unit(k)) largest(k) = max(largest(k), mine)
+        if (unit(j) == 'N]' .and. unit(k) == 'Nm]') largest(k) = max(largest(k), mine*s%size)
+        if (unit(j) == 'Nm]' .and. unit(k) == 'N]') largest(k) = max(largest(k), mine/s%size)
+      end do
+    end do
+  end function sizes
+
+  !> A value of a unit, made of a mass, a length and a time [of the unit].
+  pure function unit_scale(unit, mass, length, time) result(x)
+    character(*), intent(in) :: unit
+    real(wp), intent(in) :: mass, length, time   !! [kg], [m], [s]
+    real(wp) :: x
+    select case (unit(:scan(unit//'/]', '/]') - 1))
+    case ('m')
+      x = length
+    case ('N')
+      x = mass*length/time**2
+    case ('Nm', 'J')
+      x = mass*(length/time)**2
+    case ('W')
+      x = mass*(length/time)**2/time
+    case ('Pa')
+      x = mass/(length*time**2)
+    case ('kg^.5*m')
+      x = sqrt(mass)*length
+    case default                              ! rad
+      x = 1.0_wp
+    end select
+    if (index(unit, '/s]') > 0) x = x/time
+    if (index(unit, '/s2]') > 0) x = x/time**2
+  end function unit_scale
+
+  !> Saves or restores the ranges.
+  subroutine exchange(self, a)
+    class(column_range), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    call a%exchange(self%low, self%high)
+  end subroutine exchange
+end module column_ranges
