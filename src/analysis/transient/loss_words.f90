@@ -25,7 +25,7 @@ contains
       call text%open('losses', '[')
       do i = 1, size(s%losses)
         associate (cause => s%losses(i))
-          lost = run%y(s%ny - size(s%losses) + i)
+          lost = run%y(s%ny - size(s%integrated) - size(s%losses) + i)
           call text%open('', '{')
           if (cause%spring > 0) then
             call text%member('spring', json_text(trim(s%forces(cause%spring)%item%name)))
