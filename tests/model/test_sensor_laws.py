@@ -119,7 +119,8 @@ LINKAGE = """&scene gravity=0.0,0.0 /
   rayleigh_stiffness=1e-6 /
 &section name='s' shape='rectangle' width=0.02 height=0.02 /
 &body name='crank' mass=0.2 inertia=1e-3 com=0.05,0.0 angle={70*deg} /
-&body name='coupler' kind='beam' length=0.4 elements=2 material='m' section='s' position={0.1*cos(70*deg)},{0.1*sin(70*deg)} angle=0.3 /
+&body name='coupler' kind='beam' length=0.4 elements=2 material='m' section='s'
+  position={0.1*cos(70*deg)},{0.1*sin(70*deg)} angle=0.3 /
 &body name='rocker' mass=0.5 inertia=0.02 com=0.15,0.0 position=0.45,0.0 angle=1.6 /
 &joint name='a' type='revolute' body_a='crank' /
 &joint name='b' type='revolute' body_a='coupler' node_a=1 body_b='crank' point_b=0.1,0.0 /
@@ -129,7 +130,7 @@ LINKAGE = """&scene gravity=0.0,0.0 /
 &drive name='motor' body_a='crank' history='turn' relative=.true. /
 &history name='push' kind='sine' amplitude=30.0 frequency=8.0 /
 &force name='f' body='coupler' node=2 fx=1.0 history='push' axes='section' /
-&spring name='k' type='torsional' body_a='rocker' stiffness=20.0 damping=0.1 ghm_alpha=1.0 ghm_zeta=1.0 ghm_omega=50.0 free_angle=1.5 /
+&spring name='k' type='torsional' body_a='rocker' stiffness=20.0 damping=0.1 ghm_alpha=1 ghm_zeta=1 ghm_omega=50 free_angle=1.5 /
 """
 SOURCES = {"a": "joint", "b": "joint", "c": "joint", "d": "joint", "motor": "drive", "f": "force", "k": "spring"}
 INTEGRATED = [
@@ -140,12 +141,14 @@ INTEGRATED = [
 ]
 
 
-@pytest.mark.parametrize("method, near", INTEGRATED, ids=[m.split("'")[1] for m, _ in INTEGRATED])
+@pytest.mark.parametrize(("method", "near"), INTEGRATED, ids=[m.split("'")[1] for m, _ in INTEGRATED])
 def test_each_body_has_its_own_balance(run_deck, method, near):
     """What joints, drives, forces and springs bring a body is in its energies, or dissipated there."""
     text = LINKAGE + f"&transient t_end=0.04 {method} output_step=2e-4 /\n"
     for name, kind in SOURCES.items():
-        text += f"&sensor name='{name}' quantity='work' {kind}='{name}' /\n&sensor name='p{name}' quantity='power' {kind}='{name}' /\n"
+        text += (
+            f"&sensor name='{name}' quantity='work' {kind}='{name}' /\n&sensor name='p{name}' quantity='power' {kind}='{name}' /\n"
+        )
     text += "".join(f"&sensor name='e_{body}' quantity='energy' body='{body}' /\n" for body in ("crank", "coupler", "rocker"))
     run = run_deck(text)
     h, e = run.history, run.energy
@@ -162,7 +165,7 @@ def test_each_body_has_its_own_balance(run_deck, method, near):
     assert np.abs(h["d"] + e["friction"]).max() < 1e-12
     assert np.abs(h["a"]).max() < 1e-12
     assert h["e_coupler.dissipated"][-1] > 1e-5
-    for name in SOURCES:                       # events have corners of powers
+    for name in SOURCES:  # events have corners of powers
         rate = differentiate(h[name], 2e-4)
         assert np.median(np.abs(rate - h[f"p{name}"][3:-3])) <= 1e-4 * np.ptp(h[f"p{name}"]) + 1e-12, name
 

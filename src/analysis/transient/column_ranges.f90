@@ -60,8 +60,8 @@ contains
     where (.not. abs(value) > digits*sizes(self, s, names, time)) value = 0.0_wp
   end function still
 
-  !> What each column is small against: the largest value of a column of the same unit, forces and moments by the scene's size; what a
-  !> motion over that size within the run makes of its unit [of the column].
+  !> What each column is small against: the largest value of a column of the same unit, forces and moments by the scene's size; what
+  !> a motion over that size within the run makes of its unit [of the column].
   pure function sizes(self, s, names, time) result(largest)
     class(column_range), intent(in) :: self
     type(scene), intent(in) :: s

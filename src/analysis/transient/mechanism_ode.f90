@@ -232,8 +232,9 @@ contains
     associate (m => self%m, ev => self%ev)
       ev%options = at_side(self%options, .true.)
       call marker_kinematics(m, ev, q, v)
-      if (size(m%s%constraints) > m%s%joints .or. size(m%s%integrated) > 0) &   ! powers of drives, rows that switch, joints
+      if (size(m%s%constraints) > m%s%joints .or. size(m%s%integrated) > 0) then   ! powers of drives, rows that switch, joints
         call constraint_values(m, ev, ev%options, t)
+      end if
       call find_powers(self%t, m, ev, t, v, lambda, z, zd, power)
     end associate
   end subroutine powers

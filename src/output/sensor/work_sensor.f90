@@ -1,5 +1,5 @@
-!> Work of a drive, force, spring or joint since the start of the transient: the integral of what a power sensor shows, by the method
-!> that integrates the motion.
+!> Work of a drive, force, spring or joint since the start of the transient: the integral of what a power sensor shows, by the
+!> method that integrates the motion.
 module work_sensor
   use kinds, only: wp
   use sensor, only: nonlinear_sensor, observation
