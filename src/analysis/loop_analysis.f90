@@ -37,7 +37,7 @@ contains
     associate (nq => run%sys%m%s%nq)
       call loops%build(run%sys%m, run%sys%ev, run%y(nq + 1:2*nq))
     end associate
-    call loops%poles(ds, lambda, states, ok)
+    call loops%poles(ds, 0, lambda, states, ok)
     if (.not. ok) call fail%raise(status_failed, 'the poles of the closed loops cannot be computed: the '// &
                                  'eigenvalues do not converge')
     if (fail%happened()) return
@@ -76,7 +76,7 @@ contains
   end subroutine run_loops
 
   !> Gain and phase margin of one loop opened: where the open loop is real and negative, and where its size is 1. Searched at
-  !> frequencies around all poles.
+  !> frequencies around all poles, with that loop closed and opened: the open loop is steep at its own poles.
   subroutine margins(loops, ds, c, lambda, text)
     type(loop_system), intent(in) :: loops
     type(stiffness_system), intent(inout) :: ds
@@ -84,10 +84,13 @@ contains
     complex(wp), intent(in) :: lambda(:)               !! all poles [1/s]
     type(summary_record), intent(inout) :: text
     real(wp), allocatable :: omega(:)
+    complex(wp), allocatable :: open(:)                !! poles with this loop opened [1/s]
     complex(wp) :: left, right, l
     real(wp) :: at, gain, gain_at, phase, phase_at, angle
-    integer :: k
-    omega = frequencies(lambda)
+    integer :: k, states
+    logical :: ok
+    call loops%poles(ds, c, open, states, ok)
+    omega = frequencies([lambda, open])
     gain = huge(1.0_wp)
     phase = huge(1.0_wp)
     left = loops%opened(ds, cmplx(0.0_wp, omega(1), wp), c)

@@ -155,11 +155,12 @@ contains
     l = -self%law(c)%response(self%side(c), s)*y(c)
   end function opened
 
-  !> All poles of the closed loops, those with Im >= 0 by ascending modulus; ok is false where the eigenvalues do not converge, and
-  !> states tells how many there are, of more than `most_states` none is computed.
-  subroutine poles(self, ds, lambda, states, ok)
+  !> All poles of the closed loops, all of them or with one opened, those with Im >= 0 by ascending modulus; ok is false where the
+  !> eigenvalues do not converge, and states tells how many there are, of more than `most_states` none is computed.
+  subroutine poles(self, ds, opened, lambda, states, ok)
     class(loop_system), intent(in) :: self
     type(stiffness_system), intent(inout), target :: ds
+    integer, intent(in) :: opened                      !! controller of the loop that is opened, 0: none
     complex(wp), allocatable, intent(out) :: lambda(:) !! [1/s]
     integer, intent(out) :: states
     logical, intent(out) :: ok
@@ -183,7 +184,7 @@ contains
     whole(1:n, 1:n) = a
     i = n
     do k = 1, self%n
-      call add_loop(self, k, model, c, i, whole)
+      call add_loop(self, k, merge(0.0_wp, 1.0_wp, k == opened), model, c, i, whole)
       i = i + self%law(k)%states
     end do
     allocate (wr(states), wi(states), work(34*states))
@@ -194,16 +195,17 @@ contains
   end subroutine poles
 
   !> One loop in the system of first order, whose first unknowns are scale times the motions, then their rates.
-  subroutine add_loop(self, k, model, c, before, a)
+  subroutine add_loop(self, k, gain, model, c, before, a)
     class(loop_system), intent(in) :: self
     integer, intent(in) :: k                           !! controller
+    real(wp), intent(in) :: gain                       !! 0: its output does not act, the loop is open; else 1 [-]
     type(reduced_model), intent(in) :: model
     integer, intent(in) :: c                           !! motions
     integer, intent(in) :: before                      !! unknowns before the controller's states
     real(wp), intent(inout) :: a(:, :)                 !! [1/s]
     real(wp) :: force(c), y(size(a, 1)), yd(size(a, 1))
     integer :: i, n
-    force = matmul(self%b(:, k), model%basis)
+    force = gain*matmul(self%b(:, k), model%basis)
     y = 0.0_wp
     yd = 0.0_wp
     y(1:c) = matmul(self%place(:, k), model%basis)/model%scale

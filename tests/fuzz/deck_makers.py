@@ -178,7 +178,11 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         columns = ["position.x", "velocity.y", "angle", "angular_velocity", "far", "u.v", "q.qd", "s.d", "acceleration.x"]
         column = dice.choice(columns)
         more += maybe(dice, 0.2, f" argument='{column}'" + ("" if "history" in more else " history='h0'"))
+        if dice.random() < 0.25:
+            more = " controller='c0'" + maybe(dice, 0.1, " stage='static'")
         text += f"&force name='f{k}' {kind} body='{name}' {marker(dice, nodes, '')}{more} /\n"
+    if "controller='c0'" in text:
+        text += controller(dice, dice.choice(columns))
     if dice.random() < 0.3:
         more = dice.choice(["", " rate=.true.", " relative=.true.", " rate=.true. relative=.true."])
         kind = dice.choice(["rotation", "position"])
@@ -195,7 +199,8 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         text += maybe(dice, 0.2 * (k < 1), f"&sensor name='far' quantity='distance' body='{name}' {place}{against} /\n")
     for kind, part in (("spring", "k0"), ("force", "f0"), ("drive", "d")):
         if f"&{kind} name='{part}'" in text:
-            text += maybe(dice, 0.3, f"&sensor name='p{kind}' quantity='power' {kind}='{part}' /\n")
+            quantity = dice.choice(["power", "work"])
+            text += maybe(dice, 0.3, f"&sensor name='p{kind}' quantity='{quantity}' {kind}='{part}' /\n")
     text += maybe(dice, 0.2, f"&sensor name='e' quantity='energy' body='{name}' /\n")
     flexible = [b for b in bodies if b[1] > 0]
     if flexible:
@@ -207,6 +212,19 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
     for k in range(dice.choice([0, 0, 1, 2])):
         text += stop(dice, bodies, f"t{k}") + maybe(dice, 0.6, f"&sensor name='t{k}' quantity='stop' stop='t{k}' /\n")
     return text + ("&sensor name='s' quantity='spring' spring='k0' /\n" if "'k0'" in text else "")
+
+
+def controller(dice: random.Random, column: str) -> str:
+    """Return a controller of a column: gains, filter, limits, windup, samples, delay."""
+    gains = " ".join(f"{name}={dice.uniform(-1, 1) * 10 ** dice.uniform(-3, 4):.6g}" for name in dice.sample(["kp", "ki", "kd"], 2))
+    law = maybe(dice, 0.5, f" filter={some(dice, -5, 0)}") + maybe(dice, 0.2, f" delay={some(dice, -6, 0)}")
+    if dice.random() < 0.5:
+        law += dice.choice([" lower=-1.0", " upper=0.5", " lower=-0.3 upper=0.4"]) + maybe(
+            dice, 0.3, f" windup_time={some(dice, -3, 1)}"
+        )
+    law += maybe(dice, 0.2, f" sample={some(dice, -4, -1)}")
+    text = f"&controller name='c0' argument='{column}' history='h{dice.randint(0, 2)}' {gains}{law} /\n"
+    return text + maybe(dice, 0.5, "&sensor name='c' quantity='controller' controller='c0' /\n")
 
 
 def stop(dice: random.Random, bodies: list[tuple[str, int]], name: str) -> str:

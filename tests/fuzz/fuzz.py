@@ -141,7 +141,7 @@ def twins(folder: Path, name: str) -> list[str]:
     text = (folder / name).read_bytes().decode("latin-1")
     groups = [g for g in GROUP.findall(text) if g.lower().startswith("&transient")]
     end = re.search(r"t_end\s*=\s*([^\s,/]+)", groups[0]) if len(groups) == 1 else None
-    if not end:
+    if not end or "{" in end[1]:  # an expression, whose value is the solver's
         return []
     names = []
     for method in ("dopri5' tolerance=1e-9", "generalized_alpha' tolerance=1e-7"):

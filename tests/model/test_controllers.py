@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 J, C, K, T_END = 0.1, 0.05, 2.0, 2.0
 PLANT = f"""&body name='arm' kind='rigid' mass=1.0 inertia={J} angular_velocity=1.0 /
@@ -39,8 +42,8 @@ class Pid:
         y = angle if self.argument == "a" else rate
         return [0.0, reference(0.0)[0] - y, y / 120, 0.0, 0.0]
 
-    def law(self, t, angle, rate, x):
-        """Return the output, its error and the rates of the states."""
+    def law(self, t, angle, rate, x, side=None):
+        """Return the output, its error, the rates of the states and the wish; side: 1, -1 at a limit, 0 free, none: by the wish."""
         y, yd = (angle, rate) if self.argument == "a" else (rate, np.nan)
         rates = np.zeros(5)
         if self.delay:
@@ -54,23 +57,44 @@ class Pid:
             wish += self.kd * rates[1]
         elif self.kd:
             wish += self.kd * (rd - yd)
-        out = min(max(wish, self.lower), self.upper)
+        out = min(max(wish, self.lower), self.upper) if side is None else (self.lower, wish, self.upper)[side + 1]
         rates[0] = self.ki * error + (out - wish) / self.windup_time
-        return out, error, rates
+        return out, error, rates, wish
 
 
-def truth(pid, times):
-    """Return angle, rate, output and error at times, by an eighth-order method that steps over no kink of the output."""
+@cache
+def truth(name, rows):
+    """Return angle, rate, output and error at rows over T_END, by an eighth-order method from one limit to the next."""
+    pid, times = Pid(**LAWS[name]), np.linspace(0.0, T_END, rows)
+    y = np.array([0.0, 1.0, *pid.start(0.0, 1.0)])
+    t, side, found = 0.0, 0, [y]
 
     def motion(t, y):
-        out, _, rates = pid.law(t, y[0], y[1], y[2:])
+        out, _, rates, _ = pid.law(t, y[0], y[1], y[2:], side)
         return [y[1], (2.0 * out - C * y[1] - K * y[0]) / J, *rates]
 
-    y = solve_ivp(
-        motion, (0, times[-1]), [0.0, 1.0, *pid.start(0.0, 1.0)], "DOP853", times, rtol=1e-13, atol=1e-13, max_step=2e-3
-    ).y
-    output = [pid.law(t, *x[:2], x[2:])[:2] for t, x in zip(times, y.T)]
-    return {"a": y[0], "v": y[1], "c.out": np.array(output)[:, 0], "c.error": np.array(output)[:, 1]}
+    def above(t, y):
+        return pid.law(t, y[0], y[1], y[2:], side)[3] - min(pid.upper, 1e9)
+
+    def below(t, y):
+        return pid.law(t, y[0], y[1], y[2:], side)[3] - max(pid.lower, -1e9)
+
+    above.terminal = below.terminal = True
+    side = int(above(0.0, y) > 0) - int(below(0.0, y) < 0)
+    while t < T_END:
+        above.direction, below.direction = (1, -1) if side == 0 else (-1, 1)
+        watched = [above, below] if side == 0 else [above] if side > 0 else [below]
+        part = solve_ivp(motion, (t, T_END), y, "DOP853", dense_output=True, events=watched, rtol=1e-12, atol=1e-13, max_step=0.02)
+        found += [part.sol(at) for at in times[(times > t) & (times <= part.t[-1])]]
+        t, y = part.t[-1], part.y[:, -1]
+        side = 0 if side else int(len(part.t_events[0]) > 0) - int(len(part.t_events[1]) > 0) if part.status else 0
+    output = [pid.law(t, *x[:2], x[2:])[:2] for t, x in zip(times, found)]
+    return {
+        "a": np.array(found)[:, 0],
+        "v": np.array(found)[:, 1],
+        "c.out": np.array(output)[:, 0],
+        "c.error": np.array(output)[:, 1],
+    }
 
 
 def group(**values):
@@ -103,7 +127,7 @@ def test_a_controller_follows_its_law(run_deck, name):
     """Every column within 1e-8 of its range at a tolerance of 1e-10, through at least five saturations."""
     deck = PLANT + group(**LAWS[name]) + f"&transient t_end={T_END} method='dopri5' tolerance=1e-10 output_step=0.02 /\n"
     h = run_deck(deck).history
-    expected = truth(Pid(**LAWS[name]), h.time)
+    expected = truth(name, len(h.time))
     for column, values in expected.items():
         np.testing.assert_allclose(h[column], values, rtol=0, atol=1e-8 * np.ptp(values), err_msg=column)
     if "lower" in LAWS[name]:
@@ -117,7 +141,7 @@ def test_a_controller_follows_its_law(run_deck, name):
 @pytest.mark.parametrize("name", ["pid at limits", "delayed"])
 def test_methods_keep_their_order_across_saturations(run_deck, method, order, name):
     deck = PLANT + group(**LAWS[name]) + "&transient t_end={} method='{}' step={} output_step=0.25 /\n"
-    expected = truth(Pid(**LAWS[name]), np.arange(9) * T_END / 8)
+    expected = truth(name, 9)
     errors = []
     for step in {"rk4": (2e-3, 1e-3), "generalized_alpha": (1e-3, 5e-4)}.get(method, (1e-2, 5e-3)):
         h = run_deck(deck.format(T_END, method, step), name=f"s{step}").history
@@ -198,7 +222,7 @@ def chain(seed):
 
     def motion(y):
         r = reference(0.0)[0]  # a constant reference: differences from the rest are the linear system
-        out, _, rates = pid.law(0.0, y[seen], y[n + seen], y[2 * n :])
+        out, _, rates, _ = pid.law(0.0, y[seen], y[n + seen], y[2 * n :])
         accelerations = (-k @ y[:n] - c @ y[n : 2 * n] + 2.0 * np.eye(n)[acts] * out) / np.array(inertia)
         assert r
         return np.concatenate([y[n : 2 * n], accelerations, rates])
@@ -217,7 +241,7 @@ def poles_of(run):
     return rows[:, 2] + 1j * rows[:, 3]
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.long] * (seed >= 4)) for seed in range(100)])
 def test_poles_of_loops_are_all_found(run_deck, seed):
     """Loops that sense one disc and act on another, with filters and delays: every pole within 1e-9 of a dense eigenvalue."""
     text, law, a = chain(seed)
@@ -229,6 +253,48 @@ def test_poles_of_loops_are_all_found(run_deck, seed):
     for pole in expected:
         assert np.abs(found - pole).min() < 1e-9 * abs(pole) + 1e-12 * np.abs(expected).max()
     assert run.figures["closed_loops"]["growing"] == (expected.real > 1e-9).sum()
+
+
+def open_loop(text, law, omega):
+    """Return the open loop of a chain at frequencies, from its deck's numbers and the textbook's transfer functions."""
+    n = 4
+    inertia = np.array([float(x) for x in re.findall(r"inertia=(\S+)", text)])
+    k, c = np.zeros((n, n)), np.zeros((n, n))
+    for i, (stiff, damps) in enumerate(re.findall(r"stiffness=(\S+) damping=(\S+)", text)):
+        side = np.eye(n)[i] - (np.eye(n)[i - 1] if i else 0.0)
+        k, c = k + float(stiff) * np.outer(side, side), c + float(damps) * np.outer(side, side)
+    seen, acts = (int(re.search(words + r" body='b(\d)'", text)[1]) for words in ("quantity='angle'", "type='torque'"))
+    s = 1j * np.atleast_1d(omega)[:, None, None]
+    motion = np.linalg.solve(s**2 * np.diag(inertia) + s * c + k, np.broadcast_to(np.eye(n)[:, [acts]], (s.size, n, 1)))[:, seen, 0]
+    s, x = s[:, 0, 0], s[:, 0, 0] * law.get("delay", 0.0)
+    pid = law["kp"] + law["ki"] / s + law["kd"] * s / (law["filter"] * s + 1)
+    late = (120 - 60 * x + 12 * x**2 - x**3) / (120 + 60 * x + 12 * x**2 + x**3)
+    return 2.0 * pid * late * motion * (s if law["argument"] == "v" else 1.0)
+
+
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.long] * (seed >= 4)) for seed in range(60)])
+def test_margins_are_those_of_the_open_loop(run_deck, seed):
+    """Every crossing of the open loop on a fine grid: the gain margin nearest to 1, the smallest phase margin."""
+    text, law, _ = chain(seed)
+    (told,) = run_deck(text + STILL + group(**law) + "&modal modes=2 /\n").figures["closed_loops"]["margins"]
+    omega = np.geomspace(1e-4, 1e4, 40001)
+    loop = open_loop(text, law, omega)
+
+    def crossings(of):
+        at = np.flatnonzero(np.sign(of(loop[:-1])) != np.sign(of(loop[1:])))
+        roots = [brentq(lambda w: of(open_loop(text, law, w))[0], omega[i], omega[i + 1], xtol=1e-14, rtol=1e-13) for i in at]
+        return np.array(roots), open_loop(text, law, roots) if roots else np.zeros(0, complex)
+
+    _, real = crossings(np.imag)
+    gains = -1 / real[real.real < 0].real
+    _, unit = crossings(lambda x: np.abs(x) - 1)
+    phases = np.degrees(np.angle(-unit))
+    assert ("gain_margin" in told) == bool(gains.size)
+    assert ("phase_margin" in told) == bool(phases.size)
+    if gains.size:
+        assert told["gain_margin"] == pytest.approx(gains[np.abs(np.log(gains)).argmin()], rel=1e-8)
+    if phases.size:
+        assert told["phase_margin"] == pytest.approx(phases[np.abs(phases).argmin()], rel=1e-7, abs=1e-7)
 
 
 def test_a_loop_grows_beyond_its_critical_gain(run_deck):

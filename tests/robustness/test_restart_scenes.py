@@ -12,6 +12,7 @@ import shutil
 import subprocess
 from math import cos, sin
 
+import numpy as np
 import pytest
 from conftest import TIMEOUT, untimed
 
@@ -148,15 +149,15 @@ def test_random_scenes_cut_off_anywhere(method, biela, tmp_path):
     assert continued >= len(seeds)
 
 
-def whole_after_cuts(place: Runner) -> dict[str, bytes]:
-    """Cut a run off at four places and continue it each time; return the files of the uninterrupted one."""
+def whole_after_cuts(place: Runner, parts: tuple[float, ...] = (0.3, 0.5, 0.7, 0.9)) -> dict[str, bytes]:
+    """Cut a run off at parts of its history and continue it each time; return the files of the uninterrupted one."""
     assert place.run() == 0
     whole = place.files()
-    for tenth in (3, 5, 7, 9):
+    for part in parts:
         shutil.rmtree(place.results)
-        assert place.run(limit=len(whole["history.txt"]) * tenth // 10) != 0
+        assert place.run(limit=int(part * len(whole["history.txt"]))) != 0
         assert place.run("--restart") == 0
-        assert place.files() == whole, f"cut at {tenth} tenths"
+        assert place.files() == whole, f"cut at {part}"
     return whole
 
 
@@ -188,3 +189,41 @@ def test_a_checkpoint_between_the_ends_of_a_step(biela, tmp_path):
 """
     whole = whole_after_cuts(Runner(biela, tmp_path, deck))
     assert json.loads(whole["summary.json"])["transient"]["steps"] < 30
+
+
+CORNERS = """&body name='arm' mass=1.0 inertia=0.1 angular_velocity=1.0 /
+&joint name='j' type='revolute' body_a='arm' /
+&spring name='k' type='torsional' body_a='arm' stiffness=2.0 damping=0.05 free_angle=0.0 /
+&sensor name='a' quantity='angle' body='arm' /
+&sensor name='v' quantity='angular_velocity' body='arm' /
+&history name='r' kind='pulse' value=1.0 start=0.2 finish=0.5 /
+&controller name='pid' argument='a' history='r' kp=4.0 ki=8.0 kd=0.2 filter=0.01 delay=0.03 lower=-1.2 upper=1.5 windup_time=0.2 /
+&force name='m' type='torque' body='arm' moment=2.0 controller='pid' /
+&controller name='held' argument='v' history='r' kp=0.1 ki=0.5 lower=-0.2 upper=0.2 sample=0.02 /
+&force name='s' type='torque' body='arm' moment=1.0 controller='held' /
+&sensor name='c' quantity='controller' controller='pid' /
+&sensor name='h' quantity='controller' controller='held' /
+&body name='disc' mass=1.0 inertia=0.2 position=1.0,0.0 /
+&joint name='d' type='revolute' body_a='disc' point_b=1.0,0.0 /
+&history name='turn' kind='polynomial' coefficients=0.0,1.0 /
+&drive name='d' body_a='disc' history='turn' /
+&sensor name='b' quantity='angle' body='disc' /
+&history name='cam' kind='table' interpolation='linear' time=-1.0,0.1,0.15,0.3,0.38,2.0 value=0.0,0.0,2.0,-1.0,1.0,1.0 /
+&force name='l' type='torque' body='arm' moment=1.0 history='cam' argument='b' /
+&sensor name='w' quantity='work' force='l' /
+&sensor name='e' quantity='energy' body='arm' /
+"""
+
+
+@pytest.mark.parametrize(
+    "method", ["'rk4' step=1e-3", "'dopri5' tolerance=1e-6", "'radau' tolerance=1e-6", "'generalized_alpha' step=2e-3"]
+)
+def test_checkpoints_at_corners_saturations_and_samples(method, biela, tmp_path):
+    """At 0.1 s (a corner, a sample), 0.2 s (a jump that leads to a limit) and 0.3 s (a corner), with a delay under way."""
+    deck = CORNERS + f"&transient t_end=0.4 method={method} output_step=0.01 checkpoint_interval=0.1 /\n"
+    whole = whole_after_cuts(Runner(biela, tmp_path, deck), (0.45, 0.65, 0.9))
+    rows = np.loadtxt(whole["history.txt"].decode().splitlines())
+    names = [name for line in whole["history.txt"].decode().splitlines() if "columns:" in line for name in line.split()[2:]]
+    limited = rows[:, names.index("c.limited[-]")]
+    assert limited[19] == 0.0
+    assert limited[22] == 1.0

@@ -111,6 +111,7 @@ contains
     character(:), allocatable :: doubt, share
     integer :: k
     names = compared_names(run)
+    if (.not. march%check%stored) names = run%list%names(1:run%list%columns)
     associate (c => march%check)
       e = c%error_ratio*c%error
       range = c%seen%moved(run%sys%m%s, names, run%d%transient%t_end)

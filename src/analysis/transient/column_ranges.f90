@@ -68,15 +68,15 @@ contains
     character(*), intent(in) :: names(:)      !! (columns) with units in brackets
     real(wp), intent(in) :: time              !! of the run [s]
     real(wp) :: largest(size(self%low))
-    character(len(names)) :: unit(size(names))
+    character(len(names)) :: unit(size(self%low))
     real(wp) :: mine
     integer :: k, j
-    do k = 1, size(names)
+    do k = 1, size(unit)
       unit(k) = names(k)(index(names(k), '[') + 1:)
     end do
-    do k = 1, size(names)
+    do k = 1, size(unit)
       largest(k) = unit_scale(trim(unit(k)), sum(s%bodies%mass), s%size, time)
-      do j = 1, size(names)
+      do j = 1, size(unit)
         mine = max(abs(self%low(j)), abs(self%high(j)))
         if (unit(j) == unit(k)) largest(k) = max(largest(k), mine)
         if (unit(j) == 'N]' .and. unit(k) == 'Nm]') largest(k) = max(largest(k), mine*s%size)

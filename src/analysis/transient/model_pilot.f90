@@ -91,7 +91,7 @@ contains
     end associate
     if (.not. present(reference)) return
     found%error = march%check%error
-    found%range = march%check%ranges(run%sys%m%s, found%names, d%transient%t_end)
+    found%range = march%check%seen%moved(run%sys%m%s, found%names, d%transient%t_end)
     found%asked = asked_errors(run, march%check)
   end subroutine run_pilot
 end module model_pilot
