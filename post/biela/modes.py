@@ -16,7 +16,7 @@ from .animate import Picture, tiles
 from .histories import History, read
 from .mechanism import Mechanism, from_run
 from .picture_files import save
-from .plot import COLOURS, LOOK, STYLES, axis_label, moving
+from .plot import COLOURS, LOOK, STYLES, axis_label, moving, share_abscissa, stacked
 from .result_files import RESULT_FILES, HistoryError
 
 UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
@@ -216,17 +216,10 @@ def draw_response(table: History, names: list[str], title: str = "") -> plt.Figu
     with plt.rc_context(LOOK):
         across = -(-len(groups) // 2)  # pairs of panels side by side: a picture is no taller than wide
         down = -(-len(groups) // across)
-        figure, axes = plt.subplots(
-            2 * down,
-            across,
-            figsize=(8.0 + 5.0 * (across - 1), 0.8 + 3.4 * down),
-            sharex=True,
-            squeeze=False,
-            layout="constrained",
-            height_ratios=[3, 2] * down,
-        )
+        figure = plt.figure(figsize=(8.0 + 5.0 * (across - 1), 0.8 + 3.4 * down), layout="constrained")
+        axes = stacked(figure, len(groups), across, (3, 2))
         for k, (unit, group) in enumerate(groups.items()):
-            upper, lower = axes[2 * (k % down) : 2 * (k % down) + 2, k // down]
+            upper, lower = axes[2 * k : 2 * k + 2]
             for j, name in enumerate(group):
                 amplitude = np.where(table[f"{name}.amplitude"] > 0.0, table[f"{name}.amplitude"], np.nan)
                 style = {"color": COLOURS[j % len(COLOURS)], "ls": STYLES[j % len(STYLES)]}
@@ -239,15 +232,9 @@ def draw_response(table: History, names: list[str], title: str = "") -> plt.Figu
             middle = np.mean(lower.get_ylim())
             lower.set_ylim(min(lower.get_ylim()[0], middle - 100.0), max(lower.get_ylim()[1], middle + 100.0))
             lower.yaxis.set_major_locator(mpl.ticker.MultipleLocator(90.0 if np.ptp(lower.get_ylim()) < 450.0 else 180.0))
+        share_abscissa(axes, axis_label("f", "Hz"))
         if logarithmic:
-            axes[-1, 0].set_xscale("log")
-        for empty in axes.T.reshape(across, down, 2).reshape(-1, 2)[len(groups) :].flat:
-            empty.remove()
-        for column in range(across):
-            lowest = axes[2 * min(down, len(groups) - column * down) - 1, column]
-            lowest.set_xlabel(axis_label("f", "Hz"))
-            lowest.tick_params(labelbottom=True)
-        axes[-1, 0].margins(x=0.01)
+            axes[0].set_xscale("log")
         figure.suptitle(", ".join(filter(None, [title, input_of(table.path)])), fontsize=10)
     return figure
 

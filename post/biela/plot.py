@@ -25,7 +25,7 @@ FLAT = 50.0
 STEADY = 1.0e-9  # share of its size by which a column varies that is constant
 ROUNDING = 1.0e-12  # columns that never exceed this share of the largest one of their unit are rounding
 PATH = (3.0, 6.0)  # sides of a panel that is drawn to scale [inch]
-THINNED = 4000  # parts of a column, more than a picture has dots across
+THINNED = 2000  # parts of a column, more than a picture has dots across
 MOST_PANELS = 24  # of one picture
 ONE_COLUMN = 5  # more panels stand in two columns
 LOOK = {
@@ -132,19 +132,13 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
             size = _to_scale(runs, groups[0], abscissa)
         figure = plt.figure(figsize=size, layout="constrained")
         axes = stacked(figure, len(groups), columns)
-        for axis in axes[1:]:
-            axis.sharex(axes[0])
+        share_abscissa(axes, axis_label(abscissa, unit_of(runs, abscissa)))
         for axis, group in zip(axes, groups):
             plain_numbers(axis)
             _panel(axis, runs, labels, group, abscissa)
-            axis.margins(x=0.01)
             _log_scales(axis, runs, group, abscissa)
             if path and unit_of(runs, group[0]) == "m":
                 axis.set_aspect("equal", adjustable="datalim")
-            lowest = axis.get_subplotspec().is_last_row()
-            axis.tick_params(labelbottom=lowest)
-            if lowest:
-                axis.set_xlabel(axis_label(abscissa, unit_of(runs, abscissa)))
         if len(runs) > 1:
             looks = [{"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]} for k in range(len(runs))]
             handles = [plt.Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
@@ -154,13 +148,32 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
     return figure
 
 
-def stacked(figure: plt.Figure, count: int, columns: int) -> list[plt.Axes]:
-    """Return axes one above another in columns that they fill: in a column that has one less they are higher."""
+def stacked(figure: plt.Figure, count: int, columns: int, heights: tuple[int, ...] = (1,)) -> list[plt.Axes]:
+    """Return axes one above another in columns that they fill: in a column that has one less they are higher.
+
+    Args:
+        figure: without axes
+        count: of axes, or of groups of axes
+        columns: of the figure
+        heights: of the axes of a group, to each other
+    """
     axes: list[plt.Axes] = []
     for k, part in enumerate(np.ravel(figure.subfigures(1, columns))):
-        axes += part.subplots((count + columns - 1 - k) // columns, 1, squeeze=False)[:, 0].tolist()
+        own = (count + columns - 1 - k) // columns
+        axes += part.subplots(own * len(heights), 1, squeeze=False, height_ratios=heights * own)[:, 0].tolist()
         part.align_ylabels()
     return axes
+
+
+def share_abscissa(axes: list[plt.Axes], words: str) -> None:
+    """Give stacked axes one horizontal axis, whose numbers and name stand below the lowest of each column."""
+    for axis in axes:
+        lowest = axis.get_subplotspec().is_last_row()
+        axis.tick_params(labelbottom=lowest)
+        axis.set_xlabel(words if lowest else "")
+        axis.margins(x=0.01)
+        if axis is not axes[0]:
+            axis.sharex(axes[0])
 
 
 def _to_scale(runs: list[History], group: list[str], abscissa: str) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """Write one page (HTML) about a run, or about two runs side by side: it opens from the disk and needs no network.
 
-The scene with its names, what was modelled, histories, energy, accuracy and validity, modes, responses, the table of a trade-off
-where there is one, the deck, version, date and machine. Of two runs the differences are drawn and tabulated, too.
+It begins with the outcome, warnings, largest deflections, stresses and reactions, drives, where energy was lost, frequencies and
+damping. Then come the scene, histories, motion, modes, responses, the table of a trade-off where there is one; what the solver did
+and the deck stand last. Of two runs the differences are drawn and tabulated, too.
 
     post/report.py results/slider_crank_elastic results/slider_crank_viscoelastic
 
