@@ -233,8 +233,8 @@ def draw_response(table: History, names: list[str], title: str = "") -> plt.Figu
             lower.set_ylim(min(lower.get_ylim()[0], middle - 100.0), max(lower.get_ylim()[1], middle + 100.0))
             lower.yaxis.set_major_locator(mpl.ticker.MultipleLocator(90.0 if np.ptp(lower.get_ylim()) < 450.0 else 180.0))
         share_abscissa(axes, axis_label("f", "Hz"))
-        if logarithmic:
-            axes[0].set_xscale("log")
+        for axis in axes if logarithmic else []:
+            axis.set_xscale("log")
         figure.suptitle(", ".join(filter(None, [title, input_of(table.path)])), fontsize=10)
     return figure
 

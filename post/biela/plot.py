@@ -172,8 +172,9 @@ def share_abscissa(axes: list[plt.Axes], words: str) -> None:
         axis.tick_params(labelbottom=lowest)
         axis.set_xlabel(words if lowest else "")
         axis.margins(x=0.01)
-        if axis is not axes[0]:
-            axis.sharex(axes[0])
+        first = next(one for one in axes if one.figure is axis.figure)  # axes of two subfigures that share would draw all again
+        if axis is not first:
+            axis.sharex(first)
 
 
 def _to_scale(runs: list[History], group: list[str], abscissa: str) -> tuple[float, float]:

@@ -260,7 +260,7 @@ def picture(blocks):
         axis.tick_params(labelsize=8)
         axis.grid(alpha=0.3)
     figure.supxlabel("seconds of the processor, solver alone", fontsize=9)
-    figure.legend(handles=list(marks.values()), loc="outside lower center", ncols=3, fontsize=8, frameon=False)
+    figure.legend(handles=list(marks.values()), loc="outside upper center", ncols=3, fontsize=8, frameon=False)
     axes[0].set_ylabel("largest error of the mid-rod deflection / its largest value", fontsize=9)
     figure.savefig(RESULTS / "peer.png", dpi=100)
     plt.close(figure)
