@@ -139,7 +139,8 @@ def verdict(study: Study, result: Result) -> str:
     if chosen is None and math.isinf(truth.uncertainty):
         return f"No reference converged within --time {study.runner.time:g}: nothing is recommended, errors are rough. {own}."
     if chosen is None:
-        return f"No setting that was tried meets {tolerance}. {own}. The truth itself is known to {truth.uncertainty:.1e}."
+        cut = f" The search was ended by --time {study.runner.time:g}." if study.runner.late() else ""
+        return f"No setting that was tried meets {tolerance}. {own}. The truth itself is known to {truth.uncertainty:.1e}.{cut}"
     known = f"(worst column {chosen.gap.column}; the truth is known to {truth.uncertainty:.1e})"
     if chosen.deck is written.deck:
         return (

@@ -291,3 +291,13 @@ def test_what_the_solver_warns_of_and_what_is_absent_are_told(tmp_path):
     assert "left out: dopri5: not in --methods" in lines
     assert "  none was tried: there is no adequate setting, or nothing to remove" in lines, "no empty tables"
     assert doubt in head(study, result)
+
+
+def test_a_setting_has_one_cost_and_one_error_wherever_it_stands(tmp_path):
+    """What the last run of a setting measured replaces the search's figures, of that model and that setting alone."""
+    old, other, smaller = point(1e-3, 1e-3, 1.0), point(1e-3, 1e-3, 2.0, index=4), point(1e-3, 1e-3, 3.0, "without x")
+    study = study_with(tmp_path, old, other, smaller)
+    study.steps.append(Step(1, "x", old.gap, best=old))
+    study.settle(old.model, old.setting.words(study.grid), point(2e-3, 1e-3, 0.5))
+    assert [p.cost for p in study.points] == [0.5, 2.0, 3.0]
+    assert study.steps[0].best.gap.largest == study.points[0].gap.largest == pytest.approx(2 * old.gap.largest)
