@@ -92,6 +92,7 @@ module time_stepper
     procedure :: keep_lost_state
     procedure :: account => account_nothing
     procedure :: implicit_work => no_implicit_work
+    procedure :: limiting => nothing_limits
   end type stepper
 
   abstract interface
@@ -266,6 +267,15 @@ contains
     class(stepper), intent(in) :: self
     work = 0.0_wp                             ! [-]
   end function no_implicit_work
+
+  !> The state at t, and the unknown whose estimated error was largest in the last step; 0: errors are not estimated.
+  subroutine nothing_limits(self, y, unknown)
+    class(stepper), intent(in) :: self
+    real(wp), intent(inout) :: y(:)           !! (n) state [unit of each unknown]
+    integer, intent(out) :: unknown
+    y = self%y
+    unknown = 0
+  end subroutine nothing_limits
 
   !> A line for the summary about the method's own work; most methods have none.
   subroutine account_nothing(self, text)

@@ -118,6 +118,19 @@ def test_a_motion_that_cannot_be_predicted_is_told(run_deck):
     assert run.figures["outcome"] == "done"
 
 
+@pytest.mark.parametrize("steps", ["method='dopri5' tolerance=1e-4", "method='radau' tolerance=1e-6"])
+def test_steps_that_follow_what_no_column_shows_are_told(steps, run_deck):
+    """The bar's axial vibration, 4.385e4 rad/s as assembled, moves its tip by less than a thousandth of the swing."""
+    deck = re.sub(r"&sensor name='pin'.*\n", "", BAR).replace("t_end=0.02", "t_end=0.04").replace("2e-4", "5e-3")
+    run = run_deck(deck.format(damping="", words=steps))
+    assert re.search(r'note: steps follow a vibration near (6.9|7.\d)E\+03 Hz of body "b"', run.stderr)
+    assert run.stderr.count("need not follow it") == 1
+    assert run.transient["followed_frequency"] == pytest.approx(4.385e4 / 2 / np.pi, rel=0.05)
+    assert 1e-7 < run.transient["followed_share"] < 1e-3
+    shown = run_deck(BAR.format(damping="", override="", words=steps).replace("t_end=0.02", "t_end=0.04"), name="shown")
+    assert "need not follow it" not in shown.stderr
+
+
 def test_most_seconds_ends_a_search_with_what_is_there(run_deck):
     run = run_deck(BAR.format(damping="", override="", words="accuracy=1e-5 most_seconds=1e-6"))
     assert run.figures["accuracy"]["results_of_pass"] == 1

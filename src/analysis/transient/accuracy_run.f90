@@ -4,7 +4,8 @@
 module accuracy_run
   use kinds, only: wp, ip
   use accuracy_search, only: pass_record, finished, given_up, lost_pass, witness
-  use accuracy_words, only: asked_errors, compared_names, setting_words
+  use accuracy_words, only: asked_errors, setting_words
+  use compared_columns, only: compared_names
   use errors, only: failure, status_failed
   use mechanism_ode, only: mechanism_system
   use posix, only: standard_error, write_bytes

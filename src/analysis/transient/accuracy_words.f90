@@ -4,7 +4,7 @@
 module accuracy_words
   use kinds, only: wp
   use accuracy_search, only: pass_record
-  use column_names, only: motion_names
+  use compared_columns, only: compared_names
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use scene_run, only: run_state, warn
@@ -14,7 +14,7 @@ module accuracy_words
   use transient, only: transient_march
   implicit none (type, external)
   private
-  public :: accuracy_lines, asked_errors, compared_names, setting_words
+  public :: accuracy_lines, asked_errors, setting_words
 
   real(wp), parameter :: distrusted = 1.0e-2_wp        !! residual, of the energy that moved [-]
   real(wp), parameter :: unresolved = 0.1_wp           !! the same, of what the deformation of a body exchanged [-]
@@ -163,14 +163,6 @@ contains
         '; use a smaller step or tolerance', text)
     end associate
   end subroutine error_lines
-
-  !> Columns that are compared: of sensors, without any of all frames and nodes.
-  function compared_names(run) result(names)
-    type(run_state), intent(in) :: run
-    character(80), allocatable :: names(:)
-    names = run%list%names(1:run%list%columns)
-    if (run%list%columns == 0) names = motion_names(run%sys%m)
-  end function compared_names
 
   !> The error that each column may have beside that of the model [of the column]: the accuracy of its sensor times its range, or
   !> the sensor's floor; any where a column is constant but for rounding, or counts states or elements.

@@ -3,7 +3,8 @@
 module model_pilot
   use kinds, only: wp
   use accuracy_search, only: member, pass_record
-  use accuracy_words, only: asked_errors, compared_names
+  use accuracy_words, only: asked_errors
+  use compared_columns, only: compared_names
   use deck_records, only: deck
   use errors, only: failure, fault_list, status_failed
   use force_element, only: stage_transient

@@ -7,11 +7,13 @@ module transient
   use checkpoint, only: write_checkpoint
   use column_names, only: motion_row
   use column_ranges, only: column_range
+  use compared_columns, only: compared_names
   use choose_stepper, only: make_stepper
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use error_groups, only: group_unknowns, out_of_shape
   use errors, only: failure, status_failed, status_bad_input, status_signal
+  use followed_vibration, only: vibration_watch
   use force_scale, only: largest_force
   use linear_state, only: refuse_uneven
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
@@ -48,6 +50,7 @@ module transient
     integer :: restarts = 0
     type(pass_search) :: search                !! of method and steps, where the deck asks for an accuracy
     logical :: stopped = .false.               !! the search has given this pass up
+    type(vibration_watch) :: vibration         !! that steps follow without need, where none is searched
   contains
     procedure :: cost
     procedure :: exchange
@@ -113,6 +116,7 @@ contains
       end associate
       if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
                                                   run%list%columns)
+      if (r%adaptive .and. .not. march%search%active) call march%vibration%begin(size(compared_names(run)))
     end associate
   end subroutine prepare
 
@@ -193,7 +197,9 @@ contains
     associate (monitor => run%monitor, method => march%method)
       most = steps_per_call
       if (monitor%active) most = int(min(int(most, ip), monitor%next - method%steps))
+      call march%vibration%limit(method%steps, most)
       call method%advance(run%sys, from, to, most, run%y, outcome)
+      if (outcome == paused) call march%vibration%look(run, method)
       if (outcome == lost .or. .not. monitor%active) return
       if (method%steps == monitor%next) call monitor%look(run%sys%m, run%sys%ev, run%sys%ev%t, method%steps)
     end associate
@@ -215,6 +221,7 @@ contains
       if (fail%happened()) return
       call march%balance%count(march%method%steps)
       call march%seen%note(files%values)
+      if (march%vibration%active .and. run%list%columns > 0) call march%vibration%seen%note(files%values)
       if (march%search%active) then
         call compare_pass(run, march, t, k)
       else
@@ -347,6 +354,7 @@ contains
     call self%check%exchange(a)
     call run%watch%exchange(a)
     call run%monitor%exchange(a)
+    call self%vibration%exchange(a)
     call a%exchange(run%sys%ev%evaluations)
     call a%exchange(run%sys%ev%solves)
     call a%exchange(run%sys%ev%factorisations)

@@ -50,6 +50,7 @@ module adaptive_pair
     procedure :: accept_step
     procedure :: restart
     procedure :: row
+    procedure :: limiting
     procedure :: exchange
   end type adaptive_stepper
 
@@ -120,6 +121,15 @@ contains
     end if
     call system%derivative(to, y, .false., self%error)
   end subroutine row
+
+  !> The state, and the unknown whose derivative has the largest error: vibrations show there first.
+  subroutine limiting(self, y, unknown)
+    class(adaptive_stepper), intent(in) :: self
+    real(wp), intent(inout) :: y(:)           !! (n) [unit]
+    integer, intent(out) :: unknown
+    y = self%y
+    unknown = self%norm%worst(self%slope, .true.)
+  end subroutine limiting
 
   !> Tries a step of the size that the last error asks for, or passes an event.
   subroutine attempt(self, system, from, to)

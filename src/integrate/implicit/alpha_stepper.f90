@@ -29,6 +29,7 @@ module alpha_stepper
     procedure :: take_step
     procedure :: pack_state
     procedure :: interpolate
+    procedure :: limiting
     procedure :: account
     procedure :: implicit_work
     procedure :: exchange
@@ -125,6 +126,15 @@ contains
       call pack(self%solver, self%solver%x, self%solver%v, self%solver%energy%sums, y)
     end if
   end subroutine pack_state
+
+  !> The state, and the unknown with the largest error.
+  subroutine limiting(self, y, unknown)
+    class(alpha_march), intent(in) :: self
+    real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
+    integer, intent(out) :: unknown
+    call self%pack_state(.false., y)
+    unknown = self%norm%worst(self%error, .false.)
+  end subroutine limiting
 
   !> The method's state and its rates, from which Hermite's interpolation follows.
   pure subroutine pack_ends(solver, y)

@@ -27,6 +27,7 @@ module radau_stepper
     procedure :: take_step
     procedure :: pack_state
     procedure :: interpolate
+    procedure :: limiting
     procedure :: account
     procedure :: implicit_work
     procedure :: exchange
@@ -211,6 +212,15 @@ contains
       end do
     end associate
   end subroutine interpolate
+
+  !> The state, and the unknown with the largest error.
+  subroutine limiting(self, y, unknown)
+    class(radau_march), intent(in) :: self
+    real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
+    integer, intent(out) :: unknown
+    y = self%y
+    unknown = self%norm%worst(self%stages%work%e, .false.)
+  end subroutine limiting
 
   !> Processor time of a residual with its share of the matrices is 2.2 times that of an explicit evaluation, as the median of 24
   !> random scenes (1.4 to 3.2; `make bench`).
