@@ -97,6 +97,7 @@ contains
         x = c%error_ratio*c%error/asked_errors(run, c)
         end%column = maxloc(x, 1)
         end%worst = x(end%column)
+        end%apart = end%worst/c%error_ratio
         end%differ_at = c%differ_at
         if (search%passes(search%count)%role == witness) search%witnessed = x
       end if

@@ -4,6 +4,7 @@ module accuracy_search
   use kinds, only: wp, ip
   use archive, only: value_archive
   use deck_records, only: deck, transient_record
+  use step_counts, only: actual_step
   use stored_pass, only: pass_rows
   use summary_text, only: summary_record
   implicit none (type, external)
@@ -15,8 +16,9 @@ module accuracy_search
   integer, parameter, public :: pilot = 1, member = 2, witness = 3
 
   integer, parameter, public :: most_passes = 16
-  real(wp), parameter :: pilot_tolerance = 1.0e-2_wp   !! [-]
-  real(wp), parameter :: finer = 0.1_wp                !! tolerance of the next pass, of the last one's [-]
+  real(wp), parameter :: pilot_tolerance = 1.0e-3_wp   !! where the accuracy is finer [-]
+  real(wp), parameter :: coarsest = 1.0e-2_wp          !! tolerance [-]
+  real(wp), parameter :: tenth = 0.1_wp                !! tolerance of dopri5 at first, over the accuracy [-]
   real(wp), parameter :: least_tolerance = 1.0e-13_wp  !! [-]
   real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5 with its projection [-]
   real(wp), parameter :: growth = 1.7_wp               !! of the cost of radau, for a tenth of the tolerance [-]
@@ -36,6 +38,7 @@ module accuracy_search
     real(wp) :: cost = 0.0_wp                 !! in explicit evaluations [-]
     real(wp) :: reached = 0.0_wp              !! [s]
     integer :: other = 0                      !! pass with which it was compared, 0: none
+    real(wp) :: apart = -1.0_wp               !! largest difference from that over what is asked, < 0: not known [-]
     real(wp) :: worst = -1.0_wp               !! estimated error of the worst column over what is asked, < 0: not known [-]
     integer :: column = 0                     !! that column
     real(wp) :: differ_at = -1.0_wp           !! when the event sequences of both differ, < 0: they do not [s]
@@ -60,6 +63,7 @@ module accuracy_search
     real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
     real(wp), private :: explicit_cost = 0.0_wp   !! of dopri5 at its stable step over the run, 0: nothing vibrates [-]
     real(wp), private :: first_step = 0.0_wp  !! of rk4 [s]
+    real(wp), private :: output_step = 0.0_wp  !! [s]
     integer, private :: stalls = 0            !! refinements without effect
     integer(ip), private :: began = 0         !! count of the clock, for `most_seconds` alone
   contains
@@ -90,12 +94,14 @@ contains
       self%accuracy = r%accuracy
       if (size(d%sensors) > 0) self%accuracy = minval(merge(d%sensors%accuracy, r%accuracy, d%sensors%accuracy > 0.0_wp))
       if (bounds(2) < huge(1.0_wp)) self%explicit_cost = step_evaluations*r%t_end/bounds(2)
-      self%first_step = min(safe_share*bounds(1), r%output_step)
+      self%output_step = r%output_step
+      self%first_step = actual_step(r%output_step, min(safe_share*bounds(1), r%output_step))
       allocate (self%rows%values(columns, 0:outputs), source=0.0_wp)
       if (.not. self%free) then
         first = pass_record(member, method=r%method, setting=first_setting(self, r%method))
       else if (self%explicit_cost > 0.0_wp) then
-        first = pass_record(pilot, method='radau', setting=pilot_tolerance, budget=0.5_wp*self%explicit_cost)
+        first = pass_record(pilot, method='radau', setting=min(max(self%accuracy, pilot_tolerance), coarsest), &
+                            budget=0.5_wp*self%explicit_cost)
       else
         first = pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5'))
         self%choice = 'nothing limits steps of dopri5 but accuracy'
@@ -109,10 +115,9 @@ contains
     class(pass_search), intent(in) :: self
     character(*), intent(in) :: method
     setting = self%accuracy                   ! [-]
-    if (method == 'dopri5') setting = finer*self%accuracy
+    if (method == 'dopri5') setting = tenth*self%accuracy
     if (method == 'rk4') setting = self%first_step
-    if (method == 'radau' .and. self%free) setting = min(self%accuracy, finer*pilot_tolerance)
-    if (method /= 'rk4') setting = max(setting, least_tolerance/finer)   ! a finer pass is possible
+    if (method /= 'rk4') setting = max(min(setting, coarsest), least_tolerance/tenth)   ! a finer pass is possible
   end function first_setting
 
   !> The next pass.
@@ -176,24 +181,49 @@ contains
     yes = real(now - self%began, wp) > most_seconds*real(rate, wp)
   end function late
 
-  !> Error of the pass under way over its difference from the stored one. Errors fall at least with the power 0.6 of the tolerance
-  !> (1/3 where generalized_alpha is of second order), with the second power of a fixed step; two methods have errors of their own,
-  !> and so have passes of radau that damp what rings.
+  !> Errors fall at least with this power of the tolerance, or of a fixed step.
+  pure real(wp) function power(method)
+    character(*), intent(in) :: method
+    power = 0.6_wp                            ! [-]
+    if (method == 'rk4') power = 2.0_wp
+    if (method == 'generalized_alpha') power = 1.0_wp/3.0_wp   ! which is of second order
+  end function power
+
+  !> Error of the finer of two passes over the difference of both, as it is expected to be: two methods have errors of their own.
+  pure real(wp) function expected_ratio(a, b) result(ratio)
+    type(pass_record), intent(in) :: a, b     !! b: the finer one
+    real(wp) :: part                          ! its error, of the coarser one's [-]
+    ratio = 1.0_wp                            ! [-]
+    if (a%method /= b%method) return
+    part = (b%setting/a%setting)**power(a%method)
+    ratio = part/(1 - part)
+  end function expected_ratio
+
+  !> The same of the pass under way and the stored one, as it is believed: passes of radau that damp what rings have errors of
+  !> their own, too.
   pure real(wp) function comparison(self) result(ratio)
     class(pass_search), intent(in) :: self
-    real(wp) :: part                          ! error of the finer pass, of the coarser one's [-]
-    real(wp) :: power
     ratio = 1.0_wp                            ! [-]
     if (self%stored == 0) return
     associate (a => self%passes(self%stored), b => self%passes(self%count))
-      if (a%method /= b%method .or. (a%method == 'radau' .and. self%rings)) return
-      power = 0.6_wp
-      if (a%method == 'rk4') power = 2.0_wp
-      if (a%method == 'generalized_alpha') power = 1.0_wp/3.0_wp
-      part = (b%setting/a%setting)**power
-      ratio = part/(1 - part)
+      if (.not. (b%method == 'radau' .and. self%rings)) ratio = expected_ratio(a, b)
     end associate
   end function comparison
+
+  !> Tolerance or step of the next pass over that of the last one: so much finer that its error is what is asked, by the error that
+  !> the last one is expected to have; where this is less already, or no pass of this method is there to tell, as if it were just that.
+  pure real(wp) function finer(self, pass) result(factor)
+    class(pass_search), intent(in) :: self
+    type(pass_record), intent(in) :: pass     !! the last one
+    real(wp) :: error                         ! over what is asked [-]
+    error = 1.0_wp
+    if (pass%other > 0) then
+      associate (before => self%passes(pass%other))
+        if (before%method == pass%method) error = max(error, pass%apart*expected_ratio(before, pass))
+      end associate
+    end if
+    factor = (1/(1 + error))**(1/power(pass%method))   ! [-]
+  end function finer
 
   !> Takes the end of the pass under way and decides on the next one, or ends the search.
   subroutine judge(self, end, most_seconds)
@@ -231,10 +261,14 @@ contains
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass     !! of the pilot
     real(wp) :: cost                          ! of radau at the accuracy [-]
-    cost = pass%cost*growth**max(1.0_wp, log10(pilot_tolerance/self%accuracy))
+    cost = pass%cost*growth**log10(pass%setting/(first_setting(self, 'radau')*finer(self, pass)))
     if (pass%outcome == finished .and. cost < self%explicit_cost) then
       self%choice = 'radau resolves the motion at less cost than the stable step of dopri5 asks for'
-      call add(self, pass_record(member, method='radau', setting=first_setting(self, 'radau')))
+      if (pass%setting > first_setting(self, 'radau')) then
+        call add(self, pass_record(member, method='radau', setting=first_setting(self, 'radau')))
+      else
+        call add_finer(self, pass)
+      end if
     else
       self%choice = 'the stable step of dopri5 asks for less than radau'
       if (pass%outcome /= finished) cost = 0.0_wp
@@ -253,7 +287,7 @@ contains
       if (pass%method == 'dopri5') then
         call finish(self, .true., '')
       else
-        call add(self, pass_record(witness, method='dopri5', setting=max(finer**3*self%accuracy, least_tolerance), &
+        call add(self, pass_record(witness, method='dopri5', setting=max(1.0e-3_wp*self%accuracy, least_tolerance), &
                                    budget=witness_share*pass%cost))
       end if
     else if (leaves_radau .and. falls_slowly(self, pass)) then
@@ -261,7 +295,7 @@ contains
       call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
     else if (stuck(self, pass)) then
       return
-    else if (leaves_radau .and. growth*pass%cost > self%explicit_cost) then
+    else if (leaves_radau .and. pass%cost*growth**(-log10(finer(self, pass))) > self%explicit_cost) then
       self%choice = 'the next pass of radau would cost more than the stable step of dopri5 asks for'
       call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5')))
     else
@@ -274,7 +308,8 @@ contains
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
     real(wp) :: setting
-    setting = pass%setting*merge(0.5_wp, finer, pass%method == 'rk4')
+    setting = pass%setting*finer(self, pass)
+    if (pass%method == 'rk4') setting = actual_step(self%output_step, setting)
     if (pass%method /= 'rk4' .and. setting < least_tolerance) then
       call finish(self, .false., 'tolerances end at 1e-13')
     else
@@ -282,14 +317,18 @@ contains
     end if
   end subroutine add_finer
 
-  !> Whether a pass errs by more than half of what the coarser one of the same method did.
+  !> Whether differences of three passes of one method fall with less than half the power that is expected.
   pure logical function falls_slowly(self, pass) result(yes)
     class(pass_search), intent(in) :: self
-    type(pass_record), intent(in) :: pass
+    type(pass_record), intent(in) :: pass     !! the finest
     yes = .false.
     if (pass%other == 0) return
     associate (before => self%passes(pass%other))
-      yes = before%method == pass%method .and. before%worst >= 0.0_wp .and. pass%worst > 0.5_wp*before%worst
+      if (before%method /= pass%method .or. before%other == 0) return
+      associate (first => self%passes(before%other))
+        if (first%method /= pass%method) return
+        yes = pass%apart > before%apart*(before%setting/first%setting)**(0.5_wp*power(pass%method))
+      end associate
     end associate
   end function falls_slowly
 
@@ -366,6 +405,7 @@ contains
         call a%exchange(pass%cost)
         call a%exchange(pass%reached)
         call a%exchange(pass%other)
+        call a%exchange(pass%apart)
         call a%exchange(pass%worst)
         call a%exchange(pass%column)
         call a%exchange(pass%differ_at)

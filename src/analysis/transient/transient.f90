@@ -170,6 +170,8 @@ contains
       outcome = paused
       do while (outcome == paused)
         call one_portion(run, march, from, to, outcome)
+        if (march%search%active) march%stopped = march%search%spent(march%cost(run), r%most_seconds)
+        if (march%stopped .and. outcome == paused) return
         if (outcome == paused) call interrupt(run, march, fail)
         if (fail%happened()) return
       end do
@@ -181,8 +183,8 @@ contains
       call write_state(run, march, to, march%done + 1, fail)
       if (fail%happened()) return
       march%done = march%done + 1
+      if (march%done == march%outputs) march%stopped = .false.
       if (march%done == march%outputs) return
-      if (march%search%active) march%stopped = march%search%spent(march%cost(run), r%most_seconds)
       if (.not. march%stopped) call interrupt(run, march, fail)
     end associate
   end subroutine one_output
