@@ -1,7 +1,7 @@
 """Whether `accuracy` keeps its promise, and what that costs: random scenes against settled truths and against single settings.
 
 A truth is settled for an accuracy where radau and dopri5 at a tolerance of 1e-10 agree to a hundredth of it in all columns. The
-cheapest single setting is that of a ladder (rk4 at its bound and finer, dopri5 and radau by tolerance) which keeps the accuracy in
+cheapest single setting is that of a ladder (rk4 at its bound and finer, the other methods by tolerance) which keeps the accuracy in
 truth, as nobody could know beforehand. Cost is counted in explicit evaluations, pilots and witnesses included.
 
     PROMISE_SEED=7 PROMISE_SCENES=60 python tests/bench/bench_promise.py bin/biela
@@ -25,16 +25,16 @@ import numpy as np
 HERE = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(HERE / "post"), str(HERE / "tests" / "shared")]
 from biela.histories import read  # noqa: E402
-from random_scenes import Drawn, chain, scene, sensors  # noqa: E402
+from random_scenes import Drawn, chain, crank, scene, sensors  # noqa: E402
 from random_springs import random_springs  # noqa: E402
 
 ASKED = (1e-2, 1e-3, 1e-5)
 TRUTHS = ("method='radau' tolerance=1e-10", "method='dopri5' tolerance=1e-10")
-LADDER = [f"method='{m}' tolerance=1e-{k}" for m in ("dopri5", "radau") for k in range(2, 8)]
+LADDER = [f"method='{m}' tolerance=1e-{k}" for m in ("dopri5", "radau", "generalized_alpha") for k in range(2, 8)]
 SETTLED = 0.01  # agreement of the two truths, of the accuracy
 ROWS = 200
 LIMIT = 10.0  # of a run [s]
-RESIDUAL = 2.2  # explicit evaluations that a residual of radau costs
+WEIGHTS = {"radau": ("residual_evaluations", 2.2), "generalized_alpha": ("newton_iterations", 3.5)}  # in explicit evaluations
 
 
 @dataclass
@@ -48,17 +48,20 @@ class Ran:
 
     @property
     def cost(self) -> float:
-        """Return explicit evaluations, residuals of radau weighted."""
+        """Return explicit evaluations, the work of implicit methods weighted."""
         if "accuracy" in self.figures:
             return self.figures["accuracy"]["cost"]
         found = self.figures["transient"]
-        return found["evaluations"] + RESIDUAL * found.get("residual_evaluations", 0)
+        key, weight = WEIGHTS.get(found["method"], ("evaluations", 0.0))
+        return found["evaluations"] + weight * found[key]
 
 
-def stopped(seed: int, number: int) -> Drawn:
+def stopped(seed: int, number: int, rigid: bool = False) -> Drawn:
     """Return a chain that swings against a stop."""
-    dice = random.Random(f"stops/{seed}/{number}")
+    dice = random.Random(f"{'rigid' if rigid else 'stops'}/{seed}/{number}")
     text = chain(dice)
+    while rigid and "kind='beam'" in text:  # a rigid stop meets rigid bodies
+        text = chain(dice)
     bodies = text.split("&body ")[1:]
     law = f"exponent={dice.choice([1.0, 1.5, 1.5, 2.0])} restitution={dice.choice([1.0, 0.9, 0.7, 0.5])}"
     if dice.random() < 0.5:
@@ -69,8 +72,39 @@ def stopped(seed: int, number: int) -> Drawn:
         place = "node_a=-1" if "kind='beam'" in bodies[-1].split("/")[0] else "point_a=0.1,0.0"
         text += f"&stop name='st' type='position' body_a='b{len(bodies) - 1}' {place} direction=1.5707963267948966\n"
         text += f"  lower={-dice.uniform(0.2, 0.9):.4f} stiffness={10.0 ** dice.uniform(2.0, 5.0):.4g} {law} /\n"
+    if rigid:
+        text = re.sub(r"stiffness=\S+ exponent=\S+ (restitution=\S+ /\n)$", r"\1", text)
     text = "&scene gravity=0.0,-9.81 /\n" + text + sensors(text) + "&sensor name='st' quantity='stop' stop='st' /\n"
     return Drawn(text, 10.0 ** dice.uniform(-0.7, 0.2))
+
+
+def rubbing(seed: int, number: int) -> Drawn:
+    """Return a chain or a slider-crank with dry friction in its joints."""
+    dice = random.Random(f"friction/{seed}/{number}")
+    text = dice.choice([chain, crank])(dice)
+    for kind, more in (("revolute", " pin_radius=0.01"), ("slider", "")):
+        rough = dice.uniform(0.05, 0.3)
+        words = f"type='{kind}' friction={rough:.4f} friction_static={rough * dice.uniform(1.0, 1.4):.4f}{more}"
+        text = text.replace(f"type='{kind}'", words)
+    text = "&scene gravity=0.0,-9.81 /\n" + text + sensors(text)
+    return Drawn(text, 10.0 ** dice.uniform(-0.7, 0.2))
+
+
+def steered(seed: int, number: int) -> Drawn:
+    """Return a chain whose first link a controller with limits turns."""
+    dice = random.Random(f"steered/{seed}/{number}")
+    text = chain(dice)
+    angle = float(re.search(r"angle=(\S+)", text.split("&body ")[1])[1])
+    time, place = 10.0 ** dice.uniform(-0.5, 0.2), "node=1" if "kind='beam'" in text.split("&body ")[1] else ""
+    most = 10.0 ** dice.uniform(0.5, 1.5)
+    text += f"&sensor name='turn' quantity='angle' body='b0' {place} /\n"
+    text += f"&history name='path' kind='cycloid' start_value={angle} end_value={angle + dice.uniform(-1.0, 1.0):.4f} "
+    text += f"start=0.0 finish={0.6 * time:.4f} /\n"
+    gains = f"kp={10.0 ** dice.uniform(1.0, 2.5):.4g} ki={dice.uniform(0.0, 50.0):.4g} kd={10.0 ** dice.uniform(-1.0, 0.5):.4g}"
+    limits = f"lower={-most:.4g} upper={most:.4g} windup_time=0.1"
+    text += f"&controller name='servo' argument='turn' history='path' {gains} filter=0.002 {limits} /\n"
+    text += f"&force name='motor' type='torque' body='b0' {place} moment=1.0 controller='servo' /\n"
+    return Drawn("&scene gravity=0.0,-9.81 /\n" + text + sensors(text), time)
 
 
 def springs(seed: int, number: int) -> Drawn:
@@ -100,6 +134,9 @@ KINDS = {
     "random": scene,
     "springs": springs,
     "stops": stopped,
+    "rigid stops": lambda seed, number: stopped(seed, number, rigid=True),
+    "friction": rubbing,
+    "controllers": steered,
     "viscoelastic": lambda seed, number: like("ghm_alpha", True, seed, number),
     "damped": damped,
     "ringing": lambda seed, number: like("ghm_alpha|rayleigh", False, seed, number),

@@ -7,6 +7,7 @@ module accuracy_search
   use step_counts, only: actual_step
   use stored_pass, only: pass_rows
   use summary_text, only: summary_record
+  use text, only: es_text
   implicit none (type, external)
   private
 
@@ -307,9 +308,15 @@ contains
   subroutine add_finer(self, pass)
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
-    real(wp) :: setting
+    character(8) :: digits
+    real(wp) :: setting                       ! [-] or [s]
     setting = pass%setting*finer(self, pass)
-    if (pass%method == 'rk4') setting = actual_step(self%output_step, setting)
+    if (pass%method == 'rk4') then
+      setting = actual_step(self%output_step, setting)
+    else
+      digits = es_text(setting, 1)            ! tolerances are told as they are
+      read (digits, *) setting
+    end if
     if (pass%method /= 'rk4' .and. setting < least_tolerance) then
       call finish(self, .false., 'tolerances end at 1e-13')
     else
