@@ -212,7 +212,7 @@ contains
   end function comparison
 
   !> Tolerance or step of the next pass over that of the last one: so much finer that its error is what is asked, by the error that
-  !> the last one is expected to have; where this is less already, or no pass of this method is there to tell, as if it were just that.
+  !> the last one is expected to have; where that is less, or no pass of this method is there to tell, as if it were just that.
   pure real(wp) function finer(self, pass) result(factor)
     class(pass_search), intent(in) :: self
     type(pass_record), intent(in) :: pass     !! the last one
