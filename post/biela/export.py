@@ -112,9 +112,9 @@ def export(args: argparse.Namespace) -> int:
                 write_table(run, args.to, path)
                 note(path)
         except ImportError as fault:
-            raise HistoryError(
-                f"--to {args.to}: the library {fault.name} is missing: pip install 'biela[{EXTRAS[args.to]}]'"
-            ) from None
+            library = (fault.name or "").partition(".")[0]
+            wanted = f"'biela[{EXTRAS[args.to]}]'" if EXTRAS[args.to] else library
+            raise HistoryError(f"--to {args.to}: the library {library} is missing: pip install {wanted}") from None
         except OSError as fault:
             raise HistoryError(f"{fault.filename or args.output}: cannot be written ({fault.strerror or fault})") from None
         print(f"wrote {path}")

@@ -83,9 +83,11 @@ def test_hdf5_and_a_library_that_is_missing(tmp_path, monkeypatch, capsys):
     with h5py.File(tmp_path / "run" / "history.h5") as file:
         np.testing.assert_array_equal(file["a"], found["a"])
         assert file["a"].attrs["unit"] == "rad"
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    assert export_command.main(["run", "--to", "hdf5"]) == 2
-    assert capsys.readouterr().err == "export: --to hdf5: the library h5py is missing: pip install 'biela[hdf5]'\n"
+    for form, library, wanted in (("hdf5", "h5py", "'biela[hdf5]'"), ("matlab", "scipy.io", "scipy")):
+        monkeypatch.setitem(sys.modules, library, None)
+        assert export_command.main(["run", "--to", form]) == 2
+        told = f"export: --to {form}: the library {library.split('.')[0]} is missing: pip install {wanted}\n"
+        assert capsys.readouterr().err.endswith(told)
     assert set(export.EXTRAS) == {*export.TABLES, "vtk"}
 
 
