@@ -59,17 +59,35 @@ def of_history(table: History, kinds: dict[str, str], rounding: set[str]) -> Ite
 
 
 def of_drives(table: History, scene: dict, deck: deck_text.DeckText, motion: Mechanism | None) -> Iterator[tuple[str, str]]:
-    """Yield torque, power and energy of each rotational drive whose reaction is measured and whose turn is known."""
-    measured = {group.word("drive"): group.word("name") for group in deck.all("sensor") if group.word("drive")}
+    """Yield torque, power and energy of each rotational drive whose reaction is measured and whose turn is known.
+
+    Sensors of power and work say theirs, of whatever has such sensors.
+    """
+    names = {name.lower(): name for name in table.names}
+    measured, powered = {}, set()
+    for group in deck.all("sensor"):
+        quantity = group.word("quantity")
+        if quantity == "reaction" and group.word("drive"):
+            measured[group.word("drive")] = group.word("name")
+        column = names.get(group.word("name"))
+        if quantity not in ("power", "work") or column is None:
+            continue
+        kind = next(one for one in ("drive", "force", "spring", "joint") if group.word(one))
+        of = f"of {kind} {group.word(kind)}"
+        if quantity == "power":
+            powered.add(group.word("drive"))
+            yield f"largest power {of}", _peak(table.time, np.abs(table[column]), "W") or "0 W"
+        else:
+            yield f"work {of}", f"{table[column][-1]:.4g} J"
     for drive in scene["drives"]:
         sensor = measured.get(drive["name"].lower(), "")
-        column = next((name for name in table.names if name.lower() == f"{sensor}.m"), None)
+        column = names.get(f"{sensor}.m")
         if drive["kind"] != "rotation" or column is None:
             continue
         torque = table[column]
         mean = np.trapezoid(torque, table.time) / np.ptp(table.time)
         yield f"torque of drive {drive['name']}", f"{_peak(table.time, np.abs(torque), 'Nm') or '0 N m'}; mean {mean:.4g} N m"
-        if motion is None or len(motion.time) < 3:
+        if motion is None or len(motion.time) < 3 or drive["name"].lower() in powered:
             continue
         turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
         angle = turns[0] - (turns[1] if len(turns) > 1 else 0.0)

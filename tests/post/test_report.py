@@ -94,7 +94,9 @@ def test_what_a_designer_asks_comes_first(run_deck):
 &history name='h' kind='polynomial' coefficients=0.0,3.0 /
 &drive name='motor' type='rotation' body_a='arm' history='h' /
 &sensor name='m' quantity='reaction' drive='motor' /
+&sensor name='Spent' quantity='work' drive='motor' /
 &sensor name='p' quantity='reaction' joint='pin' /
+&sensor name='taken' quantity='power' spring='d' /
 &material name='rubber' density=1e3 young=1e6 prony_alpha=1.0 prony_tau=0.01 band=1.0,100.0 /
 &transient t_end=1.0 method='rk4' step=1e-2 output_step=1e-2 motion_step=1e-2 /
 """
@@ -103,6 +105,8 @@ def test_what_a_designer_asks_comes_first(run_deck):
     assert re.fullmatch(r"2 N m at t = \S+ s; mean 2 N m", found["torque of drive motor"])
     assert re.fullmatch(r"6 W at t = \S+ s; energy 6 J", found["power of drive motor"])
     assert (found["work of drives and loads"], found["energy lost in spring d"]) == ("6 J", "6 J")
+    assert found["work of drive motor"] == "6 J"
+    assert re.fullmatch(r"6 W at t = \S+ s", found["largest power of spring d"])
     assert "largest force, p" not in found, "rounding"
     first = report_tool.results([run])
     assert first.parts[-1].pictures[0].caption == "arm: modulus of material rubber"
