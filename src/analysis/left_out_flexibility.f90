@@ -18,7 +18,7 @@ module left_out_flexibility
   use sensors, only: read_linear_sensors, read_sensors
   use sorting, only: ascending
   use summary_text, only: summary_record
-  use text, only: es_text
+  use text, only: es_text, to_text
   implicit none (type, external)
   private
   public :: flexibility_lines
@@ -42,6 +42,8 @@ contains
     do k = 1, size(run%d%bodies)
       if (run%d%bodies(k)%auto_modes) call text%line('body "'//trim(run%d%bodies(k)%name)//'": modes=''auto'': the run finds '// &
                                                      'how many are enough; here it has its whole mesh')
+      if (run%d%bodies(k)%auto_elements) call text%line('body "'//trim(run%d%bodies(k)%name)//'": elements=''auto'': the run '// &
+        'finds how many are enough; here it has '//to_text(run%d%bodies(k)%elements))
     end do
     associate (b => run%d%bodies)
       reduced = b%modes > 0 .and. b%flexible .and. .not. b%auto_modes

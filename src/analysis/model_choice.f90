@@ -3,9 +3,9 @@
 module model_choice
   use kinds, only: wp, pi, ip
   use build_scene, only: build
-  use deck_geometry, only: removed_coordinates
-  use deck_records, only: body_record, deck
+  use deck_records, only: deck
   use errors, only: failure, fault_list, status_bad_input
+  use mesh_choice, only: choose_elements, error_lines, modes_of_mesh, most_modes, take_mesh
   use modal_basis, only: modal_model
   use model_pilot, only: pilot_result, pilot_tolerance, run_pilot
   use scene_model, only: scene
@@ -15,61 +15,39 @@ module model_choice
   use text, only: es_text, to_text
   implicit none (type, external)
   private
-  public :: begin_model, choose_model
+  public :: choose_model
 
-  integer, parameter :: most_modes = 60        !! of a body
   real(wp), parameter :: modes_share = 0.5_wp  !! of what a column may err by that left-out modes may take [-]
 
 contains
 
-  !> Until modes='auto' is settled a body has its whole mesh.
-  pure subroutine begin_model(d)
-    type(deck), intent(inout) :: d
-    integer :: k
-    do k = 1, size(d%bodies)
-      if (d%bodies(k)%auto_modes) call take_mesh(d%bodies(k))
-    end do
-  end subroutine begin_model
-
-  !> Nodal coordinates; for reference='free', which has none, as many modes as can be had.
-  pure subroutine take_mesh(b)
-    type(body_record), intent(inout) :: b
-    b%modes = merge(max(b%modes, modes_of_mesh(b)), 0, b%reference == 'free')
-  end subroutine take_mesh
-
-  !> How many modes a body may be given.
-  pure integer function modes_of_mesh(b) result(n)
-    type(body_record), intent(in) :: b
-    logical :: kept(3, b%nodes)
-    kept = .not. removed_coordinates(b)
-    if (.not. b%axial) kept(1, :) = .false.
-    n = count(kept)
-    if (b%reference == 'free') n = n - merge(3, 2, b%axial)
-    n = min(n, most_modes)
-  end function modes_of_mesh
-
-  !> Settles modes='auto' and finds the errors of left-out modes, where the deck asks for either.
+  !> Settles elements='auto', then modes='auto' on these meshes, and finds the errors of left-out modes, where the deck asks for
+  !> any of these.
   subroutine choose_model(run, text, fail)
     type(run_state), intent(inout) :: run
     type(summary_record), intent(inout) :: text
     type(failure), intent(inout) :: fail
     type(run_state) :: settled
     type(fault_list) :: faults
-    real(wp), allocatable :: error(:)          ! [of the columns]
-    logical :: auto
-    auto = any(run%d%bodies%auto_modes)
-    if (.not. auto .and. .not. run%d%transient%check_reduction) return
+    real(wp), allocatable :: error(:), of_modes(:)   ! [of the columns]
+    logical :: meshed, reduced
+    meshed = any(run%d%bodies%auto_elements)
+    reduced = any(run%d%bodies%auto_modes)
+    if (.not. (meshed .or. reduced .or. run%d%transient%check_reduction)) return
     call text%open('reduction', '{')
-    if (auto) then
-      settled%d = run%d
-      call choose_modes(settled%d, error, text, fail)
-      if (.not. fail%happened()) call prepare_run(settled, faults, fail)
+    settled%d = run%d
+    if (meshed) call choose_elements(settled%d, error, text, fail)
+    if (reduced .and. .not. fail%happened()) call choose_modes(settled%d, of_modes, text, fail)
+    if ((meshed .or. reduced) .and. .not. fail%happened()) then
+      call prepare_run(settled, faults, fail)
       if (fail%happened()) return
       run = settled
+      if (.not. allocated(error)) error = 0*of_modes
+      if (allocated(of_modes)) error = error + of_modes
       run%model_error = error
-    else
-      call check_modes(run%d, text, fail)
     end if
+    if (run%d%transient%check_reduction .and. .not. (reduced .or. fail%happened())) call check_modes(run%d, text, fail)
+    if (fail%happened()) return
     call text%close()
   end subroutine choose_model
 
@@ -90,25 +68,9 @@ contains
     if (fail%happened()) return
     call text%line('')
     call text%line('left-out modes, by pilots with them and without (radau, tolerance '//to_text(pilot_tolerance(d))//'):')
-    call error_lines(found, text)
+    call error_lines(found, 'errors', text)
     call text%figure('  cost of both: ', 'cost', nint(reference%cost + found%cost, ip), rest=' explicit evaluations')
   end subroutine check_modes
-
-  !> The errors of a pilot.
-  subroutine error_lines(found, text)
-    type(pilot_result), intent(in) :: found
-    type(summary_record), intent(inout) :: text
-    character(:), allocatable :: share
-    integer :: k
-    call text%line('    column, largest error, of its range')
-    call text%open('errors', '{')
-    do k = 1, size(found%error)
-      share = '  (constant but for rounding)'
-      if (found%range(k) > 0.0_wp) share = ' '//es_text(found%error(k)/found%range(k), 1)
-      call text%figure('    '//trim(found%names(k))//' ', trim(found%names(k)), found%error(k), 2, rest=share)
-    end do
-    call text%close()
-  end subroutine error_lines
 
   !> Numbers of modes of the bodies with modes='auto': all below a frequency, the lowest one that keeps the errors small enough.
   subroutine choose_modes(d, error, text, fail)
@@ -195,7 +157,7 @@ contains
         call text%line('  fewer are not enough: '//trim(missed%names(k))//' errs by '// &
                        trim(adjustl(es_text(missed%error(k)/missed%asked(k), 1)))//' of what is asked')
       end if
-      if (good) call error_lines(kept, text)
+      if (good) call error_lines(kept, 'errors', text)
       if (.not. good) call text%line('  as many modes as the mesh has would be needed, or more than '//to_text(most_modes)// &
                                      ': nodal coordinates; with static_shapes=.true. few may be enough')
       call text%figure('  cost of ', 'pilots', pilots)

@@ -6,7 +6,8 @@ module run_deck
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use left_out_flexibility, only: flexibility_lines
   use modal_analysis, only: run_modal
-  use model_choice, only: begin_model, choose_model
+  use mesh_choice, only: begin_model
+  use model_choice, only: choose_model
   use posix, only: make_folder, lock_file, close_lock, write_bytes, standard_error, standard_output, tell
   use process, only: hold_signals
   use response_analysis, only: run_response

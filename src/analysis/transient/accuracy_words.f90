@@ -129,7 +129,7 @@ contains
         call text%line('  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
           'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
       end if
-      if (allocated(run%model_error)) call text%line('    (that of left-out modes included)')
+      if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
       call text%line('    column, largest error, of its range')
       call text%open('estimated_errors', '{')
       do k = 1, size(e)

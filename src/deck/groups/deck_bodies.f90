@@ -49,7 +49,8 @@ contains
     !> Geometry, materials and sections of a beam or frame.
     subroutine read_elements()
       call get(deck, 'length', b%length, required, above=0.0_wp, kinds='beam')
-      call get(deck, 'elements', b%elements, required, least=1, most=most_elements, kinds='beam')
+      call get_auto(deck, 'elements', b%elements, b%auto_elements, required, least=1, most=most_elements, kinds='beam')
+      if (b%auto_elements) b%elements = 1     ! until all places on it are known
       call get_list(deck, 'node_x', b%node_x, required, kinds='frame')
       call get_list(deck, 'node_y', b%node_y, required, kinds='frame')
       call read_frame()
@@ -103,6 +104,11 @@ contains
       integer, allocatable :: found(:)
       call get_references(deck, 'element_material', in_material, found, .false., elastic)
       if (.not. deck%is_set('element_material') .or. b%elements == 0) return
+      if (b%auto_elements) then
+        call deck%complain('element_material', 'element_material with elements=''auto'', whose elements have no numbers, '// &
+          'expected material')
+        return
+      end if
       if (size(found) == b%elements) then
         b%element_material = found
       else

@@ -1,11 +1,12 @@
 !> Markers on bodies: a node of a beam or frame, a point of a rigid body or of the ground, or the frame of a body.
 module deck_marker
+  use kinds, only: wp
   use text, only: to_text, quoted
   use deck_input, only: deck_source
   use deck_get, only: get, get_pair
   use deck_words, only: get_reference
   use deck_kinds, only: in_body
-  use deck_records, only: deck_record => deck, marker_record
+  use deck_records, only: body_record, deck_record => deck, marker_record
   implicit none (type, external)
   private
   public :: read_marker, forbid_ground, forbid_rigid_pair, body_text
@@ -24,11 +25,14 @@ contains
     character(*), intent(in), optional :: node_kinds     !! kinds that may name a node of it
     character(*), intent(in), optional :: point_kinds    !! kinds that may name a point of it; '': none, ever
     character(*), intent(in), optional :: frame_kinds    !! kinds for which no node means the body's frame
+    real(wp) :: share                                    ! of the length [-]
     integer :: node
     logical :: known, frame, wants_node, points
     node = 0
+    share = -1.0_wp
     call get_reference(deck, 'body'//suffix, in_body, marker%body, need, body_kinds)
     call get(deck, 'node'//suffix, node, kinds=node_kinds)
+    call get(deck, 'at'//suffix, share, least=0.0_wp, most=1.0_wp, kinds=node_kinds)
     points = .true.
     if (present(point_kinds)) points = len(point_kinds) > 0
     if (points) call get_pair(deck, 'point'//suffix, marker%point, kinds=point_kinds)
@@ -53,9 +57,11 @@ contains
     subroutine check_point(body)
       integer, intent(in) :: body            !! number of the body, 0: the ground
       character(:), allocatable :: expected
-      if (.not. deck%is_set('node'//suffix) .or. (frame .and. node == 0)) return
       expected = 'point'//suffix//'=x,y'
       if (frame) expected = 'no node'
+      if (deck%is_set('at'//suffix)) call deck%complain('at'//suffix, 'at'//suffix//' is a share of the length of a beam and '// &
+        'does not apply to '//body_text(d, body)//', expected '//expected)
+      if (.not. deck%is_set('node'//suffix) .or. (frame .and. node == 0)) return
       call deck%complain('node'//suffix, 'node'//suffix//' does not apply to '//body_text(d, body)//', which has no '// &
         'nodes, expected '//expected)
     end subroutine check_point
@@ -69,7 +75,16 @@ contains
         if (deck%is_set('point'//suffix)) then
           call deck%complain('point'//suffix, 'point'//suffix//' does not apply to '//body_text(d, marker%body)// &
             ', which has nodes, expected node'//suffix//' '//expected)
+        else if (deck%is_given('at'//suffix)) then
+          if (deck%is_set('at'//suffix)) call check_share(b)
         else if (deck%is_set('node'//suffix)) then
+          if (b%auto_elements .and. node /= 0 .and. abs(node) /= 1) then
+            call deck%complain('node'//suffix, 'node'//suffix//'='//to_text(node)//' of '//body_text(d, marker%body)// &
+              ' with elements=''auto'', whose nodes have no numbers but 1 and -1 (the last), expected at'//suffix// &
+              '=0 to 1, a share of its length')
+            return
+          end if
+          if (b%auto_elements .and. node /= 0) marker%share = merge(0.0_wp, 1.0_wp, node == 1)
           marker%node = node
           if (node == -1) marker%node = b%nodes
           if (node > b%nodes .or. node < -1 .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, &
@@ -79,6 +94,28 @@ contains
         end if
       end associate
     end subroutine check_node
+
+    !> A place given by its share of the length is a node: the mesh of elements='auto' has one wherever a place is.
+    subroutine check_share(b)
+      type(body_record), intent(in) :: b
+      real(wp) :: whole                      ! elements up to there [-]
+      if (deck%is_given('node'//suffix)) then
+        call deck%complain('at'//suffix, 'node'//suffix//' and at'//suffix//' are both given, expected one of them')
+      else if (b%kind /= 'beam') then
+        call deck%complain('at'//suffix, 'at'//suffix//' is a share of the length of a beam and does not apply to '// &
+          body_text(d, marker%body)//', expected node'//suffix)
+      else if (b%auto_elements) then
+        marker%share = share
+        if (share <= 0.0_wp) marker%node = 1
+        if (share > 0.0_wp) marker%node = 2
+      else
+        whole = share*b%elements
+        marker%node = 1 + nint(whole)
+        if (abs(whole - nint(whole)) > 1.0e-9_wp*b%elements) call deck%complain('at'//suffix, 'at'//suffix//'='// &
+          to_text(share)//' is no node of '//body_text(d, marker%body)//' with elements='//to_text(b%elements)// &
+          ', expected a multiple of 1/'//to_text(b%elements)//', or elements=''auto''')
+      end if
+    end subroutine check_share
   end subroutine read_marker
 
   !> A body in words: `beam 'rod'`, `the ground`.
@@ -128,7 +165,7 @@ contains
       if (.not. deck%body_known(a%body)) return
       marker = 'on '//body_text(d, a%body)
       if (d%bodies(a%body)%kind /= 'rigid') then
-        if (a%node /= b%node .or. .not. deck%is_clean()) return
+        if (a%node /= b%node .or. abs(a%share - b%share) > 0.0_wp .or. .not. deck%is_clean()) return
         marker = 'node '//to_text(a%node)//' of '//body_text(d, a%body)
         if (a%node == 0) marker = 'the frame of '//body_text(d, a%body)
       end if

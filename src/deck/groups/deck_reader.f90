@@ -253,14 +253,20 @@ contains
     subroutine check_reduction()
       integer :: k
       do k = 1, size(d%bodies)
-        if (d%bodies(k)%auto_modes .and. .not. d%transient%accuracy > 0.0_wp) call d%bodies(k)%at%blame(source%faults, &
-          'modes=''auto'' is found by what keeps the accuracy of a transient, expected &transient with accuracy')
+        if ((d%bodies(k)%auto_modes .or. d%bodies(k)%auto_elements) .and. .not. d%transient%accuracy > 0.0_wp) call &
+          d%bodies(k)%at%blame(source%faults, trim(merge('modes=''auto''   ', 'elements=''auto''', d%bodies(k)%auto_modes))// &
+          ' is found by what keeps the accuracy of a transient, expected &transient with accuracy')
+        if (d%bodies(k)%auto_elements .and. size(d%sensors) == 0) call d%bodies(k)%at%blame(source%faults, &
+          'elements=''auto'' keeps the accuracy of the columns of sensors, expected a &sensor')
       end do
       if (d%transient%check_reduction .and. .not. any(d%bodies%modes > 0)) call d%transient%at%blame(source%faults, &
         'check_reduction=.true. estimates the error of a given number of modes, expected a body with modes > 0')
       do k = 1, size(d%sensors)
-        if (d%sensors(k)%quantity /= 'coordinate' .or. d%sensors(k)%marker%body == 0) cycle
+        if (all(d%sensors(k)%quantity /= ['coordinate', 'internal  ']) .or. d%sensors(k)%marker%body == 0) cycle
         associate (b => d%bodies(d%sensors(k)%marker%body))
+          if (b%auto_elements) call d%sensors(k)%at%blame(source%faults, 'quantity='//quoted(trim(d%sensors(k)%quantity))// &
+            ' means another thing in each mesh, expected it without elements=''auto''')
+          if (d%sensors(k)%quantity == 'internal') cycle
           if (b%auto_modes .or. (b%modes > 0 .and. d%transient%check_reduction)) call d%sensors(k)%at%blame(source%faults, &
             'quantity=''coordinate'' of a mode has nothing to be compared with in nodal coordinates, expected it without '// &
             trim(merge('modes=''auto''   ', 'check_reduction', b%auto_modes)))

@@ -60,6 +60,8 @@ module deck_records
     real(wp) :: com(2) = 0.0_wp              !! rigid: mass centre in body axes [m]
     real(wp) :: length = 0.0_wp              !! beam: [m]
     integer :: elements = 0                  !! beam and frame: number of elements
+    logical :: auto_elements = .false.       !! beam: the run finds the fewest that keep the accuracy
+    real(wp), allocatable :: stations(:)     !! such a beam: where its nodes are, of its length [-]
     integer :: nodes = 0                     !! beam and frame: number of nodes; rigid: 0
     real(wp), allocatable :: node_x(:)       !! frame: [m]
     real(wp), allocatable :: node_y(:)       !! frame: [m]
@@ -83,6 +85,7 @@ module deck_records
   type, public :: marker_record
     integer :: body = 0                      !! 0: ground
     integer :: node = 0                      !! positive (-1 already resolved); 0: a point, or the body's frame itself
+    real(wp) :: share = -1.0_wp              !! where the node is, of the length of a beam with elements='auto'; -1: not stated [-]
     real(wp) :: point(2) = 0.0_wp            !! in body axes [m]; 0 where a node is named
   end type marker_record
 

@@ -1,0 +1,194 @@
+!> How many elements keep the accuracy (theory.md, section 12): pilots on meshes that are refined until the change is small enough,
+!> then each body's mesh made coarser as far as that allows. The deck then has plain numbers.
+module mesh_choice
+  use kinds, only: wp, ip
+  use deck_geometry, only: removed_coordinates
+  use deck_mesh, only: set_mesh
+  use deck_records, only: body_record, deck
+  use errors, only: failure
+  use model_pilot, only: pilot_result, pilot_tolerance, run_pilot
+  use summary, only: add_warnings
+  use summary_text, only: summary_record
+  use text, only: es_text, to_text
+  implicit none (type, external)
+  private
+  public :: begin_model, choose_elements, error_lines, modes_of_mesh, take_mesh
+
+  integer, parameter, public :: most_modes = 60    !! of a body
+  integer, parameter :: first_elements = 4     !! between two places, before a run has found how many it needs
+  integer, parameter :: most_level = 256       !! elements between two places
+  real(wp), parameter :: mesh_share = 0.25_wp  !! of what a column may err by that the mesh may take [-]
+  real(wp), parameter :: first_fall = 0.25_wp  !! of changes from mesh to mesh, before two of them have been seen [-]
+  real(wp), parameter :: slowest_fall = 0.5_wp !! that is believed [-]
+
+contains
+
+  !> Until elements='auto' is settled a body has some, until modes='auto' is its whole mesh.
+  subroutine begin_model(d)
+    type(deck), intent(inout) :: d
+    integer :: k
+    do k = 1, size(d%bodies)
+      if (d%bodies(k)%auto_elements .and. .not. allocated(d%bodies(k)%stations)) call set_mesh(d, k, first_elements)
+      if (d%bodies(k)%auto_modes) call take_mesh(d%bodies(k))
+    end do
+  end subroutine begin_model
+
+  !> Nodal coordinates; for reference='free', which has none, as many modes as can be had.
+  pure subroutine take_mesh(b)
+    type(body_record), intent(inout) :: b
+    b%modes = merge(max(b%modes, modes_of_mesh(b)), 0, b%reference == 'free')
+  end subroutine take_mesh
+
+  !> How many modes a body may be given.
+  pure integer function modes_of_mesh(b) result(n)
+    type(body_record), intent(in) :: b
+    logical :: kept(3, b%nodes)
+    kept = .not. removed_coordinates(b)
+    if (.not. b%axial) kept(1, :) = .false.
+    n = count(kept)
+    if (b%reference == 'free') n = n - merge(3, 2, b%axial)
+    n = min(n, most_modes)
+  end function modes_of_mesh
+
+  !> The errors of a pilot.
+  subroutine error_lines(found, name, text)
+    type(pilot_result), intent(in) :: found
+    character(*), intent(in) :: name           !! in summary.json
+    type(summary_record), intent(inout) :: text
+    character(:), allocatable :: share
+    integer :: k
+    call text%line('    column, largest error, of its range')
+    call text%open(name, '{')
+    do k = 1, size(found%error)
+      share = '  (constant but for rounding)'
+      if (found%range(k) > 0.0_wp) share = ' '//es_text(found%error(k)/found%range(k), 1)
+      call text%figure('    '//trim(found%names(k))//' ', trim(found%names(k)), found%error(k), 2, rest=share)
+    end do
+    call text%close()
+  end subroutine error_lines
+
+  !> Elements of the bodies with elements='auto': the meshes of all are refined together until one is good enough by the next finer
+  !> one; beside that each body is then given the fewest that are good enough. The errors are those that remain. Where a finer mesh
+  !> changes more than the one before did, nothing is gained any more.
+  subroutine choose_elements(d, error, text, fail)
+    type(deck), intent(inout) :: d
+    real(wp), allocatable, intent(out) :: error(:)   !! [of the columns]
+    type(summary_record), intent(inout) :: text
+    type(failure), intent(inout) :: fail
+    type(pilot_result) :: reference, found, kept
+    integer, allocatable :: level(:)                 ! elements of each body's longest way between two places; 0: it has its own
+    real(wp), allocatable :: rest(:)                 ! errors of the reference [of the columns]
+    real(wp) :: cost                                 ! in explicit evaluations [-]
+    integer :: b, low, high, pilots
+    logical :: good
+    cost = 0.0_wp
+    pilots = 0
+    level = merge(1, 0, d%bodies%auto_elements)
+    call pilot(level, reference, fail)
+    if (fail%happened()) then                        ! one element may be too few for what the deck asks of the body
+      fail = failure()
+      level = 2*level
+      call pilot(level, reference, fail)
+    end if
+    if (fail%happened()) return
+    do
+      call pilot(2*level, found, fail, reference)
+      if (fail%happened()) return
+      if (allocated(kept%error)) then
+        if (worst(found%error) >= worst(kept%error)) exit       ! finer meshes come no closer
+        rest = found%error*fall()/(1 - fall())
+      else
+        rest = found%error*first_fall/(1 - first_fall)
+      end if
+      kept = found
+      reference = found
+      good = worst(kept%error + rest) <= mesh_share
+      if (good .or. maxval(level) == most_level) exit
+      level = 2*level
+    end do
+    good = worst(kept%error + rest) <= mesh_share
+    if (.not. good) level = level/2
+    do b = 1, merge(size(level), 0, good)
+      low = 0
+      if (count(level > 0) == 1) low = level(b)/2
+      high = level(b)
+      do while (high - low > 1)
+        level(b) = (low + high)/2
+        if (good_enough()) then
+          high = level(b)
+        else
+          low = level(b)
+        end if
+      end do
+      level(b) = high
+    end do
+    error = kept%error + rest
+    kept%error = error
+    d = with(level)
+    call tell()
+  contains
+    !> The deck with meshes of some levels.
+    function with(levels) result(x)
+      integer, intent(in) :: levels(:)               !! (bodies)
+      type(deck) :: x
+      integer :: k
+      x = d
+      do k = 1, size(levels)
+        if (levels(k) > 0) call set_mesh(x, k, levels(k))
+      end do
+      call begin_model(x)
+    end function with
+
+    !> A pilot on meshes of some levels.
+    subroutine pilot(levels, result, lost, beside)
+      integer, intent(in) :: levels(:)               !! (bodies)
+      type(pilot_result), intent(out) :: result
+      type(failure), intent(inout) :: lost
+      type(pilot_result), intent(in), optional :: beside
+      call run_pilot(with(levels), pilot_tolerance(d), result, lost, beside)
+      cost = cost + result%cost
+      pilots = pilots + 1
+    end subroutine pilot
+
+    !> Whether the meshes of the present levels are good enough; a pilot that is lost says no.
+    logical function good_enough() result(yes)
+      type(failure) :: lost
+      call pilot(level, found, lost, reference)
+      yes = .not. lost%happened()
+      if (yes) yes = worst(found%error + rest) <= mesh_share
+      if (yes) kept = found
+    end function good_enough
+
+    !> The largest error over what a column may err by.
+    pure real(wp) function worst(x)
+      real(wp), intent(in) :: x(:)                   !! (columns) [of the column]
+      worst = maxval(x/found%asked)                  ! [-]
+    end function worst
+
+    !> By how much the last refinement has made the change of each column smaller, as far as it is believed.
+    pure function fall() result(part)
+      real(wp) :: part(size(found%error))            !! [-]
+      part = slowest_fall
+      where (kept%error > 0.0_wp) part = min(slowest_fall, found%error/kept%error)
+    end function fall
+
+    !> What was chosen.
+    subroutine tell()
+      integer :: k
+      call text%line('')
+      call text%line('elements=''auto'', by pilots beside finer meshes (radau, tolerance '//to_text(pilot_tolerance(d))//'):')
+      call text%open('elements', '{')
+      do k = 1, size(d%bodies)
+        if (level(k) > 0) call text%figure('  body "'//trim(d%bodies(k)%name)//'": elements=', trim(d%bodies(k)%name), &
+                                           d%bodies(k)%elements, rest='')
+      end do
+      call text%close()
+      call error_lines(kept, 'mesh_errors', text)
+      k = maxloc(error/kept%asked, 1)
+      if (.not. good) call add_warnings(text, d%path, 'warning: elements=''auto'': '//trim(kept%names(k))//' errs by '// &
+        trim(adjustl(es_text(error(k)/kept%asked(k), 1)))//' of what is asked on meshes that no finer one betters'//new_line('a'))
+      call text%figure('  cost of ', 'mesh_pilots', pilots)
+      call text%figure(' pilots: ', 'mesh_cost', nint(cost, ip), rest=' explicit evaluations')
+    end subroutine tell
+  end subroutine choose_elements
+end module mesh_choice
