@@ -114,6 +114,37 @@ def test_engine(run_deck):
     assert h["shank.n"][top] == pytest.approx(gas - 0.45 * acceleration, rel=0.15)
 
 
+def test_geared_motor(run_deck):
+    """The motor runs up within 0.1 s; then its speed swings between 1452 and 1500 rpm; what it spends is taken or moves."""
+    run = full(run_deck, "geared_motor")
+    h, energy = run.history, run.energy
+    rpm = h["speed"] * 30 / np.pi
+    assert rpm[h.time <= 0.1].max() > 1450
+    late = rpm[h.time > 0.4]
+    assert (late.min(), late.max()) == pytest.approx((1452, 1500), abs=1)
+    stays = energy["kinetic"] + energy["potential"] + h["coupler.dissipated"]
+    assert h["spent"] + h["taken"] == pytest.approx(stays - stays[0], abs=1e-5)
+
+
+def test_controlled_arm(run_deck):
+    """Stable with a gain margin of 2.6 at 151 Hz; the output is at each limit once."""
+    run = full(run_deck, "controlled_arm")
+    (margin,) = run.figures["closed_loops"]["margins"]
+    assert (margin["gain_margin"], margin["gain_margin_at"]) == pytest.approx((2.6, 151), rel=0.02)
+    assert run.figures["closed_loops"]["growing"] == 0
+    limited = run.history["servo.limited"]
+    assert limited[np.flatnonzero(np.diff(limited)) + 1].tolist() == [1, 0, -1, 0]
+    assert run.history["hub"][-1] == pytest.approx(np.radians(60), abs=2e-3)
+
+
+def test_redundant_robot(run_deck, shortened):
+    """The tool keeps its line within micrometres; the arms press each other along their rods."""
+    h = run_deck(shortened("redundant_robot", 0.25)).history
+    off = (h["tool.y"] * 60 - (h["tool.x"] + 0.03) * 20) / np.hypot(60, 20)
+    assert 1e-9 < np.abs(off).max() < 5e-6
+    assert min(np.ptp(h[f"{arm}_rod.n"]) for arm in "abc") > 1.0
+
+
 def test_attenuation(biela, tmp_path, monkeypatch, capfd):
     (tmp_path / "input").symlink_to(ROOT / "input")
     monkeypatch.chdir(tmp_path)

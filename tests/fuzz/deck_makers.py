@@ -181,8 +181,6 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         if dice.random() < 0.25:
             more = " controller='c0'" + maybe(dice, 0.1, " stage='static'")
         text += f"&force name='f{k}' {kind} body='{name}' {marker(dice, nodes, '')}{more} /\n"
-    if "controller='c0'" in text:
-        text += controller(dice, dice.choice(columns))
     if dice.random() < 0.3:
         more = dice.choice(["", " rate=.true.", " relative=.true.", " rate=.true. relative=.true."])
         kind = dice.choice(["rotation", "position"])
@@ -211,19 +209,23 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         text += maybe(dice, 0.3, f"&sensor name='q' quantity='coordinate' body='{name}' index=1 /\n")
     for k in range(dice.choice([0, 0, 1, 2])):
         text += stop(dice, bodies, f"t{k}") + maybe(dice, 0.6, f"&sensor name='t{k}' quantity='stop' stop='t{k}' /\n")
-    return text + ("&sensor name='s' quantity='spring' spring='k0' /\n" if "'k0'" in text else "")
+    text += "&sensor name='s' quantity='spring' spring='k0' /\n" if "'k0'" in text else ""
+    return text + (controller(dice, text) if "controller='c0'" in text else "")
 
 
-def controller(dice: random.Random, column: str) -> str:
-    """Return a controller of a column: gains, filter, limits, windup, samples, delay."""
+def controller(dice: random.Random, text: str) -> str:
+    """Return a controller of a column that the deck has: gains, filter, limits, windup, samples, delay."""
+    columns = {"position": ".x", "velocity": ".y", "angle": "", "angular_velocity": "", "far": "", "u": ".v", "q": ".qd", "s": ".d"}
+    found = [name + columns[name] for name in re.findall(r"&sensor name='(\w+)'", text) if name in columns]
     gains = " ".join(f"{name}={dice.uniform(-1, 1) * 10 ** dice.uniform(-3, 4):.6g}" for name in dice.sample(["kp", "ki", "kd"], 2))
-    law = maybe(dice, 0.5, f" filter={some(dice, -5, 0)}") + maybe(dice, 0.2, f" delay={some(dice, -6, 0)}")
+    law = maybe(dice, 0.2, f" delay={some(dice, -6, 0)}")
+    if "kd" in gains:
+        law += maybe(dice, 0.7, f" filter={some(dice, -5, 0)}")
     if dice.random() < 0.5:
-        law += dice.choice([" lower=-1.0", " upper=0.5", " lower=-0.3 upper=0.4"]) + maybe(
-            dice, 0.3, f" windup_time={some(dice, -3, 1)}"
-        )
+        law += dice.choice([" lower=-1.0", " upper=0.5", " lower=-0.3 upper=0.4"])
+        law += maybe(dice, 0.5 * ("ki" in gains), f" windup_time={some(dice, -3, 1)}")
     law += maybe(dice, 0.2, f" sample={some(dice, -4, -1)}")
-    text = f"&controller name='c0' argument='{column}' history='h{dice.randint(0, 2)}' {gains}{law} /\n"
+    text = f"&controller name='c0' argument='{dice.choice(found or ['angle'])}' history='h{dice.randint(0, 2)}' {gains}{law} /\n"
     return text + maybe(dice, 0.5, "&sensor name='c' quantity='controller' controller='c0' /\n")
 
 
