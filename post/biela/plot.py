@@ -11,9 +11,10 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 
-from .histories import History, common_still, read, read_events
+from .histories import Event, History, common_still, read, read_events
 from .picture_files import save
 from .result_files import RESULT_FILES, HistoryError
 
@@ -298,23 +299,51 @@ def chosen_columns(runs: list[History], patterns: list[str] | None, against: str
     return [name for name in names if name not in constant] or names, idle + (told if len(constant) < len(names) else [])
 
 
+def what_happens(event: Event) -> str:
+    """Return what an event is called in a legend."""
+    if event.after == "stuck":
+        return "joint sticks"
+    if event.after in ("forward", "backward", "carried"):
+        return "joint slips"
+    if event.after.endswith("_rebound"):
+        return "stop rebounds"
+    return "stop touches" if event.before == "open" else "stop opens or lets go"
+
+
+EVENT_STYLES = {
+    "stop touches": "-",
+    "stop opens or lets go": ":",
+    "stop rebounds": (0, (8, 2)),
+    "joint sticks": "--",
+    "joint slips": "-.",
+}
+
+
 def mark_events(figure: plt.Figure, runs: list[History]) -> int:
-    """Mark the events of the runs in all panels: touching by a line, opening and letting go by a dotted one. Return how many."""
-    count = 0
+    """Mark the events of the runs in all panels by lines that the legend names. Return how many there are."""
+    count, seen = 0, set()
     for k, run in enumerate(runs):
         events = read_events(run.path.parent)
         count += len(events)
+        colour = COLOURS[k % len(COLOURS)] if len(runs) > 1 else "#b0126e"
         for axis in figure.axes:
             if not axis.lines:
                 continue
             room = axis.get_xlim()
-            for touching, style in ((True, "-"), (False, ":")):
-                times = [event.time for event in events if (event.before == "open") == touching]
-                times = [time for time in times if room[0] <= time <= room[1]]
-                colour = COLOURS[k % len(COLOURS)] if len(runs) > 1 else "#b0126e"
+            for kind, style in EVENT_STYLES.items():
+                times = [event.time for event in events if what_happens(event) == kind and room[0] <= event.time <= room[1]]
+                if times:
+                    seen.add(kind)
                 across = axis.get_xaxis_transform()
                 marks = axis.vlines(times, 0.0, 1.0, colour, style, lw=0.6, alpha=0.5, zorder=1, transform=across)
                 marks.set_in_layout(False)
+    colour = "#444444" if len(runs) > 1 else "#b0126e"
+    handles = [Line2D([], [], color=colour, ls=style, lw=1.0, label=kind) for kind, style in EVENT_STYLES.items() if kind in seen]
+    if handles:
+        for legend in figure.legends[:]:
+            handles = [*legend.legend_handles, *handles]
+            legend.remove()
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     return count
 
 

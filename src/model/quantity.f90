@@ -2,7 +2,8 @@
 !> Sensors show them, forces and controllers follow them. A quantity that is measured against nothing has the ground's origin as b.
 module quantity
   use kinds, only: wp
-  use marker, only: marker_states, turn
+  use marker, only: marker_states
+  use measures, only: angle_between, circle_curvature, distance_between, line_curvature
   implicit none (type, external)
   private
 
@@ -60,7 +61,7 @@ module quantity
   contains
     procedure :: measure => distance
     procedure :: components => both_places
-    procedure :: curvature => circle_curvature
+    procedure :: curvature => distance_curvature
   end type distance_quantity
 
   !> An elastic coordinate, or what a node sees of several: a is a marker at the origin of a body that they displace along x of the
@@ -143,12 +144,11 @@ contains
     real(wp), intent(out) :: g(6)          !! [-]
     associate (c => self%component, a => self%ia, b => self%ib)
       if (c == 3) then
-        x = p%angle(a) - p%angle(b)
-        xd = p%rate(a) - p%rate(b)
-      else
-        x = p%r(c, a) - p%r(c, b)
-        xd = p%v(c, a) - p%v(c, b)
+        call angle_between(p, a, b, x, xd, g)
+        return
       end if
+      x = p%r(c, a) - p%r(c, b)
+      xd = p%v(c, a) - p%v(c, b)
       g = 0.0_wp
       g(c) = 1.0_wp
       g(3 + c) = -1.0_wp
@@ -169,12 +169,7 @@ contains
     real(wp), intent(out) :: x             !! [m]
     real(wp), intent(out) :: xd            !! [m/s]
     real(wp), intent(out) :: g(6)          !! [-]
-    real(wp) :: e(2)
-    e = p%r(:, self%ia) - p%r(:, self%ib)
-    x = norm2(e)
-    e = e/max(x, tiny(1.0_wp))
-    xd = dot_product(e, p%v(:, self%ia) - p%v(:, self%ib))
-    g = [e, 0.0_wp, -e, 0.0_wp]
+    call distance_between(p, self%ia, self%ib, x, xd, g)
   end subroutine distance
 
   !> The places of both markers.
@@ -184,19 +179,15 @@ contains
     list = [1, 2, 4, 5]
   end function both_places
 
-  !> The direction turns: 1/x across it.
-  pure subroutine circle_curvature(self, p, h)
+  !> Straight where the markers coincide and have no direction.
+  pure subroutine distance_curvature(self, p, h)
     class(distance_quantity), intent(in) :: self
     type(marker_states), intent(in) :: p
-    real(wp), intent(out) :: h(6, 6)       !! [1/m]
+    real(wp), intent(out) :: h(6, 6)       !! second derivative of x [1/m]
     real(wp) :: x, xd, g(6)
-    integer :: k
     call self%measure(p, x, xd, g)
-    g = [-g(2), g(1), 0.0_wp, g(2), -g(1), 0.0_wp]
-    do k = 1, 6
-      h(:, k) = g*(g(k)/max(x, sqrt(tiny(1.0_wp))))
-    end do
-  end subroutine circle_curvature
+    call circle_curvature(g, max(x, sqrt(tiny(1.0_wp))), h)
+  end subroutine distance_curvature
 
   !> Along x of the body, where a lies: its value is that of a in the body's axes, without the digits of the frame's place.
   pure subroutine displacement(self, p, x, xd, g)
@@ -224,12 +215,6 @@ contains
     class(elastic_quantity), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(out) :: h(6, 6)       !! [-], [m]
-    real(wp) :: n(2)
-    n = [cos(p%angle(self%ib)), sin(p%angle(self%ib))]
-    h = 0.0_wp
-    h(1:2, 6) = turn(n)
-    h(4:5, 6) = -turn(n)
-    h(6, 1:5) = h(1:5, 6)
-    h(6, 6) = -p%rho(1, self%ia)
+    call line_curvature(p, self%ia, self%ib, 0.0_wp, h)
   end subroutine axis_curvature
 end module quantity

@@ -16,7 +16,7 @@ BLOW = CRANK + (
 
 def newton_failures(summary):
     """Return how often the summary says in words that Newton's method failed."""
-    found = re.search(r"Newton's method failed (\d+) times, and the step was (halved|tried smaller)", summary)
+    found = re.search(r"failures of Newton's method: (\d+), where the step was (halved|tried smaller)", summary)
     return int(found[1]) if found else 0
 
 

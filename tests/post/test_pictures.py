@@ -372,8 +372,10 @@ def test_panels_of_an_odd_number_fill_two_columns_with_one_time_axis_each(tmp_pa
     plot.plt.close(figure)
 
 
-def test_events_are_marked_in_every_panel(runs, capsys):
-    """Two touches and an opening, of which one lies outside the picture."""
+def test_events_are_marked_in_every_panel_and_named_in_the_legend(runs, capsys, monkeypatch):
+    """Two touches and an opening, of which one touch lies outside the picture."""
+    legends = []
+    monkeypatch.setattr(plot.plt.Figure, "legend", lambda _, handles, **__: legends.append([h.get_label() for h in handles]))
     lines = ["# columns: t[s] element from to speed[m/s]", "1e-3 pad open lower 0.5", "2e-3 pad lower open 0"]
     lines.append("0.5 pad open upper 0.1")
     (runs[0] / "events.txt").write_text("\n".join(lines) + "\n")
@@ -381,6 +383,7 @@ def test_events_are_marked_in_every_panel(runs, capsys):
     assert plot_command.main([str(runs[0]), "--columns", "large", "q.q", "--events", "--output", str(picture)]) == 0
     assert picture.is_file()
     assert "events marked: 3" in capsys.readouterr().out
+    assert legends == [["stop touches", "stop opens or lets go"]]
     assert [event.after for event in histories.read_events(runs[0])] == ["lower", "open", "upper"]
     assert histories.read_events(runs[1]) == []
     assert plot_command.main([str(runs[0]), "--columns", "large", "--events", "--against", "near", "--output", str(picture)]) == 2

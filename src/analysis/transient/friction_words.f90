@@ -39,8 +39,8 @@ contains
         call text%member('name', json_text(trim(row%name)))
         call text%figure('  friction of joint "'//trim(row%name)//'": slid ', 'slid', slid, 4)
         call text%figure(trim(merge(' rad', ' m  ', row%angular))//', lost ', 'lost', lost, 4)
-        call text%figure(' J; came to rest ', 'sticks', x%sticks)
-        call text%figure(' times, broke away ', 'slips', x%slips)
+        call text%figure(' J; times that it came to rest ', 'sticks', x%sticks)
+        call text%figure(', broke away ', 'slips', x%slips)
         call text%figure(', turned without rest ', 'turns', x%turns)
         call text%figure('; at rest ', 'time_at_rest', x%rest, 4)
         if (x%rest > 0.0_wp) then

@@ -117,7 +117,7 @@ contains
       call text%words%add(' J')
       if (x%fewest < huge(1)) then
         call text%figure('; shortest contact ', 'shortest_contact', x%briefest, 3)
-        call text%figure(' s, ', 'steps_of_shortest_contact', x%fewest, rest=' steps')
+        call text%figure(' s, steps in it ', 'steps_of_shortest_contact', x%fewest, rest='')
       else
         call text%line('')
       end if

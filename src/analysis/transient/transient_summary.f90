@@ -49,7 +49,7 @@ contains
       if (run%monitor%smallest < huge(1.0_wp)) then
         call text%figure('  smallest current bound of the step: ', 'smallest_bound', run%monitor%smallest, 4)
         call text%figure(' s at t = ', 'smallest_bound_at', run%monitor%at, 4)
-        call text%figure(' s (', 'bound_estimates', run%monitor%estimates, rest=' estimates)')
+        call text%figure(' s (estimates: ', 'bound_estimates', run%monitor%estimates, rest=')')
         if (.not. r%adaptive) call compare_step(run, text)
       end if
       call march%vibration%lines(run, text)

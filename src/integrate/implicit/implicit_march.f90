@@ -360,8 +360,8 @@ contains
     class(implicit_stepper), intent(in) :: self
     type(summary_record), intent(inout) :: text
     call text%member('newton_failures', to_text(self%failures))
-    if (self%failures > 0) call text%words%add('; Newton''s method failed '//to_text(self%failures)// &
-      ' times, and the step was '//trim(merge('tried smaller', 'halved       ', self%settings%adaptive)))
+    if (self%failures > 0) call text%words%add('; failures of Newton''s method: '//to_text(self%failures)// &
+      ', where the step was '//trim(merge('tried smaller', 'halved       ', self%settings%adaptive)))
     call text%line('')
   end subroutine account_failures
 

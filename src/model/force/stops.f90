@@ -14,7 +14,8 @@ module stops
   use kinds, only: wp, pi
   use constraint, only: marker_stiffness
   use force_element, only: force_model, conditions, element_action, watched_roots, by_position, held, root_rounding
-  use marker, only: marker_states, turn
+  use marker, only: marker_states
+  use measures, only: angle_between, circle_curvature, distance_between, line_curvature, place_along
   use small_matrices, only: outer
   use text, only: to_text
   implicit none (type, external)
@@ -97,7 +98,7 @@ module stops
   !> Limits of the angle between two sections.
   type, extends(stop_model), public :: rotation_stop
   contains
-    procedure :: measure => angle_between
+    procedure :: measure => rotation_measure
     procedure :: acts_on => rotation_acts_on
   end type rotation_stop
 
@@ -105,16 +106,16 @@ module stops
   type, extends(stop_model), public :: position_stop
     real(wp) :: direction = 0.0_wp         !! from section b [rad]
   contains
-    procedure :: measure => distance_along
-    procedure :: curvature => line_curvature
+    procedure :: measure => position_measure
+    procedure :: curvature => position_curvature
     procedure :: acts_on => position_acts_on
   end type position_stop
 
   !> A pin in a hole: the upper limit is the radial gap.
   type, extends(stop_model), public :: clearance_stop
   contains
-    procedure :: measure => distance_apart
-    procedure :: curvature => circle_curvature
+    procedure :: measure => clearance_measure
+    procedure :: curvature => clearance_curvature
     procedure :: opening_root => clearance_root
     procedure :: in_all_directions => always
     procedure :: acts_on => clearance_acts_on
@@ -548,16 +549,14 @@ contains
   end subroutine no_curvature
 
   !> The angle of a minus that of b.
-  pure subroutine angle_between(self, p, x, xd, g)
+  pure subroutine rotation_measure(self, p, x, xd, g)
     class(rotation_stop), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(out) :: x             !! [rad]
     real(wp), intent(out) :: xd            !! [rad/s]
     real(wp), intent(out) :: g(6)          !! [-]
-    x = p%angle(self%ia) - p%angle(self%ib)
-    xd = p%rate(self%ia) - p%rate(self%ib)
-    g = [0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp, -1.0_wp]
-  end subroutine angle_between
+    call angle_between(p, self%ia, self%ib, x, xd, g)
+  end subroutine rotation_measure
 
   !> It acts by moments.
   pure function rotation_acts_on(self) result(yes)
@@ -567,35 +566,22 @@ contains
   end function rotation_acts_on
 
   !> n.(r_a - r_b), n at `direction` from section b.
-  pure subroutine distance_along(self, p, x, xd, g)
+  pure subroutine position_measure(self, p, x, xd, g)
     class(position_stop), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(out) :: x             !! [m]
     real(wp), intent(out) :: xd            !! [m/s]
     real(wp), intent(out) :: g(6)          !! global axes [-], [m]
-    real(wp) :: n(2), d(2), angle
-    angle = p%angle(self%ib) + self%direction
-    n = [cos(angle), sin(angle)]
-    d = p%r(:, self%ia) - p%r(:, self%ib)
-    x = dot_product(n, d)
-    g = [n, 0.0_wp, -n, dot_product(turn(n), d)]
-    xd = dot_product(n, p%v(:, self%ia) - p%v(:, self%ib)) + g(6)*p%rate(self%ib)
-  end subroutine distance_along
+    call place_along(p, self%ia, self%ib, self%direction, x, xd, g)
+  end subroutine position_measure
 
   !> The line turns with section b.
-  pure subroutine line_curvature(self, p, h)
+  pure subroutine position_curvature(self, p, h)
     class(position_stop), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(out) :: h(6, 6)       !! [-], [m]
-    real(wp) :: n(2), angle
-    angle = p%angle(self%ib) + self%direction
-    n = [cos(angle), sin(angle)]
-    h = 0.0_wp
-    h(1:2, 6) = turn(n)
-    h(4:5, 6) = -turn(n)
-    h(6, 1:5) = h(1:5, 6)
-    h(6, 6) = -dot_product(n, p%r(:, self%ia) - p%r(:, self%ib))
-  end subroutine line_curvature
+    call line_curvature(p, self%ia, self%ib, self%direction, h)
+  end subroutine position_curvature
 
   !> It acts by forces, and turns b.
   pure function position_acts_on(self) result(yes)
@@ -604,32 +590,28 @@ contains
     yes = [.true., .true., .false., .true., .true., .true.]
   end function position_acts_on
 
-  !> |r_a - r_b|, with the direction from b to a.
-  pure subroutine distance_apart(self, p, x, xd, g)
+  !> |r_a - r_b|. A pin in the middle of its hole moves in any direction towards the limit: along x.
+  pure subroutine clearance_measure(self, p, x, xd, g)
     class(clearance_stop), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(out) :: x             !! [m]
     real(wp), intent(out) :: xd            !! [m/s]
     real(wp), intent(out) :: g(6)          !! global axes [-]
-    real(wp) :: e(2)
-    e = p%r(:, self%ia) - p%r(:, self%ib)
-    x = hypot(e(1), e(2))
-    if (x > 0.0_wp) e = e/x
-    if (.not. x > 0.0_wp) e = [1.0_wp, 0.0_wp]
-    xd = dot_product(e, p%v(:, self%ia) - p%v(:, self%ib))
-    g = [e, 0.0_wp, -e, 0.0_wp]
-  end subroutine distance_apart
+    call distance_between(p, self%ia, self%ib, x, xd, g)
+    if (x > 0.0_wp) return
+    g = [1.0_wp, 0.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp]
+    xd = p%v(1, self%ia) - p%v(1, self%ib)
+  end subroutine clearance_measure
 
-  !> The direction turns: 1/x across it.
-  pure subroutine circle_curvature(self, p, h)
+  !> As where it touches, wherever the pin is.
+  pure subroutine clearance_curvature(self, p, h)
     class(clearance_stop), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(out) :: h(6, 6)       !! [1/m]
     real(wp) :: x, xd, g(6)
     call self%measure(p, x, xd, g)
-    g = [-g(2), g(1), 0.0_wp, g(2), -g(1), 0.0_wp]
-    h = outer(g, g)/max(x, 0.5_wp*self%upper)   ! where it touches
-  end subroutine circle_curvature
+    call circle_curvature(g, max(x, 0.5_wp*self%upper), h)
+  end subroutine clearance_curvature
 
   !> Its direction turns with the pin.
   pure logical function always(self)

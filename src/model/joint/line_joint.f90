@@ -4,7 +4,8 @@ module line_joint
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows, marker_stiffness
   use history, only: drive_values
-  use marker, only: marker_states, turn
+  use marker, only: marker_states
+  use measures, only: line_curvature, place_along
   implicit none (type, external)
   private
 
@@ -70,16 +71,8 @@ contains
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: lambda(:)   !! multipliers of all rows [N]
     type(marker_stiffness), intent(inout) :: k
-    real(wp) :: n(2), d(2), l
-    n = [cos(p%angle(self%ib) + self%direction), sin(p%angle(self%ib) + self%direction)]
-    d = p%r(:, self%ia) - p%r(:, self%ib)
-    l = lambda(self%first)
-    k%k = 0.0_wp
-    k%k(1:2, 6) = l*turn(n)
-    k%k(4:5, 6) = -l*turn(n)
-    k%k(6, 1:2) = l*turn(n)
-    k%k(6, 4:5) = -l*turn(n)
-    k%k(6, 6) = -l*dot_product(n, d)
+    call line_curvature(p, self%ia, self%ib, self%direction, k%k)
+    k%k = lambda(self%first)*k%k
   end subroutine line_second
 
   !> The direction turns with section b; a line fixed to the ground is straight.
@@ -118,8 +111,7 @@ contains
     class(line_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp) :: x   !! [m]
-    real(wp) :: angle   ! [rad]
-    angle = p%angle(self%ib) + self%direction
-    x = dot_product([cos(angle), sin(angle)], p%r(:, self%ia) - p%r(:, self%ib))
+    real(wp) :: xd, g(6)   ! not asked for [m/s], [-]
+    call place_along(p, self%ia, self%ib, self%direction, x, xd, g)
   end function distance_along
 end module line_joint
