@@ -55,7 +55,7 @@ def arm_by_hand(times, hardness, exponent, e):
     y = brentq(lambda y: np.log((1 + y) / (1 - e * y)) - y * (1 + e), 1e-6, 1 / e - 1e-9, xtol=1e-16, rtol=1e-15)
     limits = {1: 0.3, -1: -0.5}
 
-    def rates(t, s, side, chi):
+    def rates(_t, s, side, chi):
         moment = -1.6 * 9.81 * 0.35 * np.cos(s[0]) - 20.0 * s[0]
         if side:
             depth = max(side * (s[0] - limits[side]), 0.0)
