@@ -17,6 +17,7 @@ module mesh_choice
   integer, parameter, public :: most_modes = 60    !! of a body
   integer, parameter :: first_elements = 4     !! between two places, before a run has found how many it needs
   integer, parameter :: most_level = 256       !! elements between two places
+  integer, parameter :: most_stalls = 2        !! refinements in a row that come no closer, after which none follows
   real(wp), parameter :: mesh_share = 0.25_wp  !! of what a column may err by that the mesh may take [-]
   real(wp), parameter :: first_fall = 0.25_wp  !! of changes from mesh to mesh, before two of them have been seen [-]
   real(wp), parameter :: slowest_fall = 0.5_wp !! that is believed [-]
@@ -68,8 +69,8 @@ contains
   end subroutine error_lines
 
   !> Elements of the bodies with elements='auto': the meshes of all are refined together until one is good enough by the next finer
-  !> one; beside that each body is then given the fewest that are good enough. The errors are those that remain. Where a finer mesh
-  !> changes more than the one before did, nothing is gained any more.
+  !> one; beside that each body is then given the fewest that are good enough. The errors are those that remain. Where two finer
+  !> meshes in a row come no closer, nothing is gained any more.
   subroutine choose_elements(d, error, text, fail)
     type(deck), intent(inout) :: d
     real(wp), allocatable, intent(out) :: error(:)   !! [of the columns]
@@ -77,12 +78,14 @@ contains
     type(failure), intent(inout) :: fail
     type(pilot_result) :: reference, found, kept
     integer, allocatable :: level(:)                 ! elements of each body's longest way between two places; 0: it has its own
-    real(wp), allocatable :: rest(:)                 ! errors of the reference [of the columns]
+    integer, allocatable :: chosen(:)                ! those with the smallest change so far
+    real(wp), allocatable :: rest(:), remains(:)     ! errors that the finer mesh still has [of the columns]
     real(wp) :: cost                                 ! in explicit evaluations [-]
-    integer :: b, low, high, pilots
-    logical :: good
+    integer :: b, low, high, pilots, stalls
+    logical :: good, closer
     cost = 0.0_wp
     pilots = 0
+    stalls = 0
     level = merge(1, 0, d%bodies%auto_elements)
     call pilot(level, reference, fail)
     if (fail%happened()) then                        ! one element may be too few for what the deck asks of the body
@@ -94,20 +97,25 @@ contains
     do
       call pilot(2*level, found, fail, reference)
       if (fail%happened()) return
-      if (allocated(kept%error)) then
-        if (worst(found%error) >= worst(kept%error)) exit       ! finer meshes come no closer
-        rest = found%error*fall()/(1 - fall())
+      if (allocated(reference%error)) then
+        remains = found%error*fall()/(1 - fall())
       else
-        rest = found%error*first_fall/(1 - first_fall)
+        remains = found%error*first_fall/(1 - first_fall)
       end if
-      kept = found
+      closer = .not. allocated(kept%error)
+      if (.not. closer) closer = worst(found%error) < worst(kept%error)
+      stalls = merge(0, stalls + 1, closer)
+      if (closer) then
+        kept = found
+        rest = remains
+        chosen = level
+      end if
       reference = found
       good = worst(kept%error + rest) <= mesh_share
-      if (good .or. maxval(level) == most_level) exit
+      if (good .or. stalls == most_stalls .or. maxval(level) == most_level) exit
       level = 2*level
     end do
-    good = worst(kept%error + rest) <= mesh_share
-    if (.not. good) level = level/2
+    level = chosen
     do b = 1, merge(size(level), 0, good)
       low = 0
       if (count(level > 0) == 1) low = level(b)/2
@@ -169,7 +177,7 @@ contains
     pure function fall() result(part)
       real(wp) :: part(size(found%error))            !! [-]
       part = slowest_fall
-      where (kept%error > 0.0_wp) part = min(slowest_fall, found%error/kept%error)
+      where (reference%error > 0.0_wp) part = min(slowest_fall, found%error/reference%error)
     end function fall
 
     !> What was chosen.
