@@ -231,6 +231,8 @@ def test_a_contact_that_a_reduced_body_cannot_follow_is_told(run_deck):
     told = "less than half a period of what the mesh or modes of body"
     assert told in run_deck(deck.replace("axial=.false.", "axial=.false. modes=2").replace("2.0e7", "2.0e11")).stderr
     assert told not in run_deck(deck, name="soft").stderr
+    assert f"warning: that is {told}" in run_deck(deck.replace("2.0e7", "2.0e11"), "--check", name="check").stdout
+    assert told not in run_deck(deck, "--check", name="soft_check").stdout
 
 
 def test_the_example_of_a_contact_is_one_of_a_free_mass(run_deck):
@@ -241,6 +243,15 @@ def test_the_example_of_a_contact_is_one_of_a_free_mass(run_deck):
     assert example["stiffness"] == pytest.approx(1e4, rel=1e-12)
     assert example["mass"] == pytest.approx(MASS, rel=1e-12)
     assert example["contact"] == pytest.approx(np.pi * np.sqrt(MASS / 1e4), rel=1e-12)
+
+
+def test_contact_stiffness_joins_the_current_bound(run_deck):
+    """A mass on a linear stop is stable by rk4 up to 2 sqrt(2) over its frequency."""
+    deck = BALL.format(k=1, y=0.1) + FLOOR.replace("restitution=0.5", "exponent=1.0").replace("1.0e8", "1.0e4")
+    deck += "&transient t_end=0.3 method='rk4' step=1e-3 output_step=0.1 /\n"
+    run = run_deck(SCENE + deck)
+    assert run.transient["smallest_bound_in_contact"] == pytest.approx(np.sqrt(8 * MASS / 1e4), rel=1e-5)
+    assert 'while stops touched:  4.0000E-02 s (stop "floor")' in run.summary
 
 
 def test_a_second_run_tells_how_well_events_are_known_and_up_to_when(run_deck):
