@@ -140,6 +140,7 @@ contains
 
     !> What was chosen and why.
     subroutine tell()
+      logical :: shapes(size(d%bodies))
       integer :: k
       call text%line('')
       call text%line('modes=''auto'', by pilots beside nodal coordinates (radau, tolerance '//to_text(pilot_tolerance(d))//'):')
@@ -155,11 +156,14 @@ contains
       if (high > 0 .and. allocated(missed%error)) then
         k = maxloc(missed%error/missed%asked, 1)
         call text%line('  fewer are not enough: '//trim(missed%names(k))//' errs by '// &
-                       trim(adjustl(es_text(missed%error(k)/missed%asked(k), 1)))//' of what is asked')
+                       trim(adjustl(es_text(missed%error(k)/missed%asked(k), 1)))//' of what is asked; left-out modes may take '// &
+                       to_text(modes_share))
       end if
       if (good) call error_lines(kept, 'errors', text)
       if (.not. good) call text%line('  as many modes as the mesh has would be needed, or more than '//to_text(most_modes)// &
-                                     ': nodal coordinates; with static_shapes=.true. few may be enough')
+                                     ': nodal coordinates, or all modes with reference=''free''')
+      shapes = d%bodies%static_shapes .or. .not. d%bodies%auto_modes
+      if (.not. (good .or. all(shapes))) call text%line('  with static_shapes=.true. few may be enough')
       call text%figure('  cost of ', 'pilots', pilots)
       call text%figure(' pilots: ', 'cost', nint(cost, ip), rest=' explicit evaluations')
     end subroutine tell
