@@ -75,7 +75,7 @@ contains
     integer :: unknown, n
     logical :: ok
     if (.not. self%active .or. method%steps < self%next) return
-    if (self%count == 0) self%y = method%y
+    if (.not. allocated(self%y)) self%y = method%y      ! a restart has none
     call method%limiting(self%y, unknown)
     unknown = rate_of(run, unknown)
     if (self%count == 0) self%unknown = unknown
