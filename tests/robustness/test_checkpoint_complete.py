@@ -36,7 +36,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("implicit_march", "step_memory", "implicit_march", "self%memory"): set(),
     ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius", "error"},
     ("alpha_state", "alpha_solver", "alpha_state", "self"): {
-        *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "stale"),
+        *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "stale", "h_tried"),
         *("gaps", "gain", "resolved", "along", "mu", "offset1"),
     },
     ("alpha_state", "energy_sums", "alpha_state", "self%energy"): {"pairs", "next"},
