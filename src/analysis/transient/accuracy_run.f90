@@ -94,6 +94,7 @@ contains
       end%reached = march%last
       if (c%active) then
         c%error_ratio = search%comparison()
+        if (c%differ_at >= 0.0_wp) c%error_ratio = 1.0_wp        ! two motions: no power of the tolerance is between them
         x = c%error_ratio*c%error/asked_errors(run, c)
         end%column = maxloc(x, 1)
         end%worst = x(end%column)

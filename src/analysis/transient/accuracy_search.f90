@@ -18,6 +18,7 @@ module accuracy_search
 
   integer, parameter, public :: most_passes = 16
   real(wp), parameter :: pilot_tolerance = 1.0e-3_wp   !! where the accuracy is finer [-]
+  real(wp), parameter :: farthest = 1.0e-2_wp          !! ratio of settings up to which powers are believed [-]
   real(wp), parameter :: coarsest = 1.0e-2_wp          !! tolerance [-]
   real(wp), parameter :: tenth = 0.1_wp                !! tolerance of dopri5 at first, over the accuracy [-]
   real(wp), parameter :: least_tolerance = 1.0e-13_wp  !! [-]
@@ -196,7 +197,7 @@ contains
     real(wp) :: part                          ! its error, of the coarser one's [-]
     ratio = 1.0_wp                            ! [-]
     if (a%method /= b%method) return
-    part = (b%setting/a%setting)**power(a%method)
+    part = max(b%setting/a%setting, farthest)**power(a%method)
     ratio = part/(1 - part)
   end function expected_ratio
 
