@@ -6,7 +6,7 @@ module friction_states
   use dynamics, only: evaluate_motion, motion_state
   use evaluation_results, only: evaluation, motion_of_row
   use friction_row, only: friction_model, creeping, grip, stopped, row_stuck, row_slips, row_carried, row_idle
-  use joint_geometry, only: condense_geometry
+  use friction_shares, only: dependent_rows
   use mechanism, only: mechanism_model
   use root_watch, only: by_position, most_roots, root_rounding
   implicit none (type, external)
@@ -15,7 +15,6 @@ module friction_states
 
   real(wp), parameter :: still = 1.0e-10_wp      !! an acceleration so small is none, of the largest without multipliers [-]
   real(wp), parameter :: reached = 1.0e-6_wp     !! a share so near to its limit is there after an event that says so [-]
-  real(wp), parameter :: redundant = 1.0e-6_wp   !! relative pivot of the geometry below which a row depends on others [-]
 
 contains
 
@@ -225,15 +224,10 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: k
-    logical :: weak(m%s%rows)
     integer :: before
-    call condense_geometry(m, ev)
-    call ev%schur%weak_rows(redundant, weak)
-    before = count(weak .and. .not. ev%schur%off)
+    before = dependent_rows(m, ev)
     ev%schur%off(row(m, k)) = .false.
-    call condense_geometry(m, ev)
-    call ev%schur%weak_rows(redundant, weak)
-    yes = count(weak .and. .not. ev%schur%off) > before
+    yes = dependent_rows(m, ev) > before
     ev%schur%off(row(m, k)) = .true.
   end function depends
 

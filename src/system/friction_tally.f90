@@ -18,6 +18,8 @@ module friction_tally
     real(wp) :: place = 0.0_wp                !! where it was then [m] or [rad]
     real(wp) :: rest = 0.0_wp                 !! time at rest [s]
     real(wp) :: share = 0.0_wp                !! largest one of the limit at rest [-]
+    logical :: undetermined = .false.         !! its present share is not determined by rigid bodies
+    real(wp) :: unknown = 0.0_wp              !! how long that was so [s]
   contains
     procedure :: note_event
     procedure :: note_rest
@@ -59,6 +61,7 @@ contains
     real(wp), intent(in) :: share             !! of the limit [-]
     self%rest = self%rest + h
     self%share = max(self%share, share)
+    if (self%undetermined) self%unknown = self%unknown + h
   end subroutine note_rest
 
   !> Where it is at an event: between two of them it slides one way, or not at all.
@@ -85,6 +88,8 @@ contains
         call a%exchange(x%place)
         call a%exchange(x%rest)
         call a%exchange(x%share)
+        call a%exchange(x%undetermined)
+        call a%exchange(x%unknown)
       end associate
     end do
   end subroutine exchange_friction

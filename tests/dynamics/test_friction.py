@@ -362,3 +362,6 @@ def test_held_means_that_shares_exist(run_deck):
     held = [np.ptp(run.history[f"a{k}"]) < 1e-14 for k in range(14)]
     assert held == expected
     assert 3 < sum(held) < 11
+    unknown = [joint.get("undetermined", 0.0) for joint in run.transient["friction"]]
+    assert unknown == pytest.approx(np.repeat(0.01 * np.array(held), 4), abs=1e-15)
+    assert run.summary.count("its share of the load is not determined by rigid bodies") == 4 * sum(held)

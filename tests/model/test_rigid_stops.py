@@ -325,8 +325,10 @@ def test_friction_and_rigid_stops_together(run_deck):
     assert len(first) == 43
     assert np.abs(np.array([words[0] for words in first]) - [words[0] for words in second]).max() < 1e-9
     assert min(words[4] for words in first if "rebound" in words[3]) > 1e-9
+    closed, opened = (next(words[0] for words in first if words[2:4] == pair) for pair in (("open", "lower"), ("lower", "open")))
     for run in runs:
         assert run.transient["energy_balance"] < 1e-8
+        assert run.transient["friction"][0]["undetermined"] == pytest.approx(opened - closed, abs=1e-5)  # closing is dated later
 
 
 def test_an_impact_moves_a_body_that_friction_holds(run_deck):

@@ -48,6 +48,10 @@ contains
         else
           call text%line(' s')
         end if
+        if (x%unknown > 0.0_wp) then
+          call text%figure('    its share of the load is not determined by rigid bodies, as others hold the same motion, during ', &
+                           'undetermined', x%unknown, 4, rest=' s')
+        end if
         call text%close()
       end associate
     end associate

@@ -9,6 +9,7 @@ module mechanism_events
   use evaluation_settings, only: at_side
   use force_element, only: by_position, idle, most_roots
   use friction_row, only: friction_model, row_carried, row_stuck
+  use friction_shares, only: find_undetermined
   use friction_states, only: comes_to_rest, settle_friction
   use friction_tally, only: exchange_friction, joint_tally
   use impacts, only: impact_result, pass_impacts
@@ -73,6 +74,7 @@ contains
     do k = 1, size(self%friction)
       self%friction(k)%place = self%place_of(k)
     end do
+    call find_undetermined(self%m, self%ev, self%friction%undetermined)
   end subroutine start_switching
 
   !> Where joint k of those with friction stands in its last evaluation [m] or [rad].
@@ -248,6 +250,7 @@ contains
     do k = 1, size(self%friction)
       call self%friction(k)%note_place(self%place_of(k))
     end do
+    call find_undetermined(self%m, self%ev, self%friction%undetermined)
     call judge_friction(self, ok)
     if (self%has_manifold .and. .not. self%fault) call self%project(t, y, ok)
   end subroutine resolve_friction

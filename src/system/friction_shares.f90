@@ -1,0 +1,61 @@
+!> Which joints at rest take a share of the load that rigid bodies do not determine: friction, and rigid stops that are closed, may
+!> hold the same motion, so that load can be moved from one to another (Wojtyra, Multibody System Dynamics 41, 2017, 161).
+module friction_shares
+  use kinds, only: wp
+  use evaluation_results, only: evaluation
+  use friction_row, only: friction_model, row_carried
+  use joint_geometry, only: condense_geometry
+  use mechanism, only: mechanism_model
+  implicit none (type, external)
+  private
+  public :: dependent_rows, find_undetermined
+
+  real(wp), parameter :: redundant = 1.0e-6_wp   !! relative pivot of the geometry below which a row depends on others [-]
+
+contains
+
+  !> The joints with friction at rest that could be left out without a further motion becoming possible.
+  subroutine find_undetermined(m, ev, found)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev        !! of the present states
+    logical, intent(out) :: found(:)             !! (joints with friction)
+    logical, allocatable :: before(:)
+    logical :: carried
+    integer :: k, spare
+    found = .false.
+    if (size(found) == 0) return
+    carried = any(abs(ev%switches%state(size(m%s%switching) + 1:)) == row_carried)
+    if (.not. (carried .or. ev%schur%singular)) return
+    before = ev%schur%off
+    do k = m%s%permanent + 1, size(m%s%constraints)
+      associate (state => ev%switches%state(m%s%constraints(k)%item%switch_number))
+        select type (row => m%s%constraints(k)%item)
+        class is (friction_model)
+          ev%schur%off(row%first) = .not. (row%holds(state) .or. abs(state) == row_carried)
+        class default
+          ev%schur%off(row%first) = .not. row%holds(state)
+        end select
+      end associate
+    end do
+    spare = dependent_rows(m, ev)
+    do k = 1, size(found)
+      associate (off => ev%schur%off(m%s%constraints(m%s%switching_rows(k))%item%first))
+        if (off) cycle
+        off = .true.
+        found(k) = dependent_rows(m, ev) < spare
+        off = .false.
+      end associate
+    end do
+    ev%schur%off = before
+  end subroutine find_undetermined
+
+  !> How many of the rows that hold depend on others.
+  integer function dependent_rows(m, ev) result(n)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    logical :: weak(m%s%rows)
+    call condense_geometry(m, ev)
+    call ev%schur%weak_rows(redundant, weak)
+    n = count(weak .and. .not. ev%schur%off)
+  end function dependent_rows
+end module friction_shares
