@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from extreme_cases import Case, Ran, bounds, call, safe_bound
+from extreme_friction import friction, long_rest, rigid_stops
 from extreme_implicit import all_implicit
 from extreme_measures import REFUSAL, UNSTABLE, away, largest, residual, same
 from extreme_motion import LONG, SHARE, masses, singular_positions, spins
@@ -169,6 +170,7 @@ def damping() -> list[Case]:
 def all_factors() -> list[Case]:
     """Return every case of one factor, those of implicit methods after the others of their factor."""
     families = (steps_at_the_limit, beams, damping, masses, spins, singular_positions, many_steps, loads, units, drives, stops)
+    families += (rigid_stops, friction, long_rest)
     cases = [case for family in families for case in family()] + all_implicit(FACTORS)
     factors = list(dict.fromkeys(case.factor for case in cases))
     return sorted(cases, key=lambda case: factors.index(case.factor))

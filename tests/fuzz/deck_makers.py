@@ -238,9 +238,23 @@ def stop(dice: random.Random, bodies: list[tuple[str, int]], name: str) -> str:
         limits = f"gap={some(dice, -9, 0)}"
     law = maybe(dice, 0.5, f" exponent={dice.choice(['1', '2', '3', f'{dice.uniform(1, 3):.3f}'])}")
     law += dice.choice(["", f" damping={some(dice, -3, 2)}", f" restitution={dice.uniform(0.05, 1):.3f}"])
+    law = f"stiffness={some(dice, 1, 12)}{law}"
+    if dice.random() < 0.4:
+        law = f"restitution={dice.choice(['0', '1', f'{dice.uniform(0, 1):.3f}'])}"
+        wide = f"lower=-{some(dice, -2, 1)} upper={some(dice, -2, 1)}"
+        limits = dice.choice([limits, wide]) if kind != "clearance" else limits
     law += maybe(dice, 0.3 * (kind == "position"), " direction=1.5707963267948966")
     where = sides(dice, bodies, turns=kind == "rotation")
-    return f"&stop name='{name}' type='{kind}' {where} {limits} stiffness={some(dice, 1, 12)}{law} /\n"
+    return f"&stop name='{name}' type='{kind}' {where} {limits} {law} /\n"
+
+
+def friction(dice: random.Random, kind: str) -> str:
+    """Return the keys of a joint with dry friction."""
+    mu = dice.choice(["0", "10", "1e-12", some(dice, -3, 0)])
+    more = f" friction={mu}" + maybe(dice, 0.4, f" friction_static={min(10.0, float(mu) * 10 ** dice.uniform(0, 2)):.4g}")
+    more += maybe(dice, 0.3, f" preload={dice.choice(['0', some(dice, -6, 2)])}")
+    more += maybe(dice, 0.5 * (kind == "prismatic"), f" pad_distance={some(dice, -3, 0)}")
+    return more + f" pin_radius={some(dice, -6, 0)}" * (kind == "revolute")
 
 
 def transient(dice: random.Random) -> str:
@@ -296,6 +310,9 @@ def language(dice: random.Random) -> str:
                 if kind == "gear"
                 else ""
             )
+            if kind in ("revolute", "slider", "prismatic") and dice.random() < 0.4:
+                more += friction(dice, kind)
+                text += maybe(dice, 0.5, f"&sensor name='rub{k}' quantity='friction' joint='j{k}' /\n")
             text += f"&joint name='j{k}' type='{kind}' {sides(dice, bodies, k)}{more} /\n"
     text += maybe(dice, 0.2, f"&joint name='loop' type='{dice.choice(JOINTS)}' {sides(dice, bodies)} /\n")
     text += "".join(f"&sensor name='r{j}' quantity='reaction' joint='{j}' /\n" for j in re.findall(r"&joint name='(\w+)'", text))

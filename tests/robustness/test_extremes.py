@@ -28,6 +28,8 @@ QUICK = [
     factors.units,
     factors.drives,
     factors.stops,
+    factors.rigid_stops,
+    factors.friction,
 ]
 LONG = re.compile(r"^dopri5 \S+ disc$")  # an undamped mode of which dopri5 loses 3e-5 a step
 
@@ -36,7 +38,8 @@ LONG = re.compile(r"^dopri5 \S+ disc$")  # an undamped mode of which dopri5 lose
 def test_every_case_of_a_factor_is_as_stated(family, biela, tmp_path):
     assert biela.exists()
     cases = [case for case in family() if not LONG.search(f"{case.method} {case.value}")]
-    rows = [judge(case) for case in cases[:: {factors.masses: 4, factors.steps_at_the_limit: 2, factors.stops: 9}.get(family, 1)]]
+    part = {factors.masses: 4, factors.steps_at_the_limit: 2, factors.stops: 9, factors.rigid_stops: 13, factors.friction: 9}
+    rows = [judge(case) for case in cases[:: part.get(family, 1)]]
     assert len(rows) >= 4
     assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
     if family is factors.spins:

@@ -161,6 +161,29 @@ def whole_after_cuts(place: Runner, parts: tuple[float, ...] = (0.3, 0.5, 0.7, 0
     return whole
 
 
+@pytest.mark.parametrize("method", ["method='dopri5' tolerance=1e-6", "method='generalized_alpha' step=1e-3"])
+def test_between_and_at_events_of_rigid_stops_and_friction(method, biela, tmp_path):
+    """Impacts, chatter, rest by friction beside a closed stop: checkpoints in each of these states."""
+    deck = f"""&scene gravity=0.0,-9.81 /
+&body name='a' mass=1.0 inertia=0.01 com=0.15,0.0 angle=-0.3 angular_velocity=3.0 /
+&body name='c' mass=0.6 inertia=0.006 com=0.15,0.0 position={{0.3*cos(-0.3)}},{{0.3*sin(-0.3)}} angle=-0.8 angular_velocity=-4.0 /
+&joint name='p' type='revolute' body_a='a' friction=0.3 friction_static=0.4 pin_radius=0.04 /
+&joint name='q' type='revolute' body_a='c' body_b='a' point_b=0.3,0.0 friction=0.2 friction_static=0.3 pin_radius=0.03 /
+&stop name='elbow' type='rotation' body_a='c' body_b='a' lower=-0.8 upper=0.4 restitution=0.5 /
+&stop name='shoulder' type='rotation' body_a='a' lower=-1.2 upper=0.3 restitution=0.3 /
+&history name='h' kind='sine' amplitude=4.0 frequency=1.3 /
+&force name='f' type='torque' body='a' moment=1.0 history='h' /
+&sensor name='a' quantity='angle' body='a' /
+&sensor name='c' quantity='angle' body='c' /
+&sensor name='rub' quantity='friction' joint='q' /
+&sensor name='stop' quantity='stop' stop='shoulder' /
+&transient t_end=1.6 output_step=0.01 checkpoint_interval=0.0633 {method} check_error=.true. /
+"""
+    whole = whole_after_cuts(Runner(biela, tmp_path, deck))
+    words = [line.split()[1:4:2] for line in whole["events.txt"].decode().splitlines() if not line.startswith("#")]
+    assert {("p", "stuck"), ("q", "stuck"), ("shoulder", "lower"), ("elbow", "lower_rebound")} <= {tuple(pair) for pair in words}
+
+
 @pytest.mark.parametrize("stiffness", [150.0, 300.0])
 def test_steps_after_the_exact_elastic_block_was_used(stiffness, biela, tmp_path):
     """A beam whose spring pulls it round: Newton's method needs the exact block for a while and then leaves it."""
