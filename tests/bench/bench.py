@@ -23,6 +23,7 @@ mpl.use("Agg")
 import bench_scenes as scenes
 import matplotlib.pyplot as plt
 from bench_accuracy import evaluations
+from bench_friction import friction_trade
 from bench_models import maxwell, shapes
 from bench_promise import promises
 
@@ -345,6 +346,7 @@ def main():
     evaluations(table, WORK, run_process, quick)
     maxwell(table, measure, run_process, WORK, quick)
     shapes(table, run_process, WORK, quick)
+    friction_trade(table, BIELA)
     promises(table, BIELA, 12 if quick else 120, int(os.environ.get("PROMISE_SEED", "1")))
     whole_processes(table, quick)
     analyses(table, quick)
