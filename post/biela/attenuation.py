@@ -1,4 +1,4 @@
-"""Damping in the rod, in the joint, in both: a table and a picture of the decks slider_crank_joint_*."""
+"""Damping in the rod, in the joint, in both (the decks slider_crank_joint_*), or what took the energy in any deck."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
+from . import loss_picture
 from .demo import RESULTS, deck, run, size
-from .histories import History, read
+from .engineering import of_energy
+from .histories import History, read, read_summary
 from .picture_files import save
 from .plot import COLOURS, LOOK, pretty_unit
 from .result_files import HistoryError
@@ -84,4 +86,18 @@ def tabulate(biela: Path) -> int:
     print("\n".join(table(runs, QUANTITIES) + energies(list(CASES))) + "\n")
     drawn = picture(runs, QUANTITIES)
     print(f"Picture: {drawn}")
+    return 0
+
+
+def causes(biela: Path, decks: list[Path]) -> int:
+    """Run decks; print what took the energy of each, friction, stops, materials, and draw it; raises HistoryError."""
+    run(biela, decks)
+    for path in decks:
+        folder = RESULTS / path.stem
+        balance = read(folder, "energy")
+        transient = read_summary(folder).get("transient", {})
+        print(f"{path.stem}")
+        print("\n".join(f"  {words:40}{value}" for words, value in of_energy(balance, transient)))
+        if figure := loss_picture.draw(balance, transient):
+            print(f"  Picture: {save(figure, folder / 'losses')}")
     return 0

@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
-from . import deck_text, engineering, modes, plot
+from . import deck_text, engineering, loss_picture, modes, plot
 from . import draw as scene_picture
 from .animate import sheet
 from .histories import History, read, read_summary
@@ -314,7 +314,9 @@ def energy(runs: list[Run]) -> Section | None:
         if table is None:
             continue
         shown = [name for name in table.names[1:] if np.any(table[name])]
-        pictures = drawn([table], [run.label], shown, f"{run.label}: energies, their residual, openings of joints")
+        lost = loss_picture.draw(table, run.figures.get("transient", {}))
+        pictures = [embed(lost, f"{run.label}: energy lost over time, and by what")] if lost else []
+        pictures += drawn([table], [run.label], shown, f"{run.label}: energies, their residual, openings of joints")
         parts.append(Part(heading=run.label if len(runs) > 1 else "", text=run.lines("transient"), pictures=pictures))
     return Section("Energy, accuracy, validity", parts) if parts else None
 

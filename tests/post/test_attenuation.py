@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import attenuation, demo
+from biela import attenuation, demo, loss_picture
 from biela.commands import attenuation as attenuation_command
 from biela.histories import History, read
 
@@ -85,3 +85,19 @@ def test_cases_with_other_rows_are_not_compared(monkeypatch, capsys):
     monkeypatch.setattr(attenuation, "read", lambda path: History(path, ["t"], {"t": "s"}, runs[path.name]))
     assert attenuation_command.main([]) == 1
     assert capsys.readouterr() == ("", "attenuation: the four decks do not have the same output times\n")
+
+
+def test_what_was_lost_is_split_between_friction_stops_and_damping():
+    s = TIME / TIME[-1]
+    names = ["t", "dissipated", "stops", "friction"]
+    table = History(None, names, dict.fromkeys(names, "J") | {"t": "s"}, np.column_stack([TIME, 4.0 * s, 0.0 * s, 3.0 * s]))
+    shares = loss_picture.parts(table)
+    assert list(shares) == [loss_picture.DAMPING, "friction"]
+    assert shares[loss_picture.DAMPING] == pytest.approx(s)
+    lost = {"friction": [{"name": "pin", "lost": 3.0}], "losses": [{"material": "m", "kind": "ghm", "term": 1, "lost": 1.0}]}
+    figure = loss_picture.draw(table, lost)
+    right = figure.axes[1]
+    assert [label.get_text() for label in right.get_yticklabels()] == ["friction of joint pin", "material m"]
+    assert [text.get_text() for text in right.texts] == [" 3 J, 75 %", " 1 J, 25 %"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [f"{loss_picture.DAMPING}: 25 %", "friction: 75 %"]
+    attenuation.plt.close(figure)
