@@ -5,11 +5,11 @@ module mesh_choice
   use deck_geometry, only: removed_coordinates
   use deck_mesh, only: set_mesh
   use deck_records, only: body_record, deck
-  use errors, only: failure
-  use model_pilot, only: pilot_result, pilot_tolerance, run_pilot
+  use errors, only: failure, status_signal
+  use model_pilot, only: pilot_result, pilot_series
   use summary, only: add_warnings
   use summary_text, only: summary_record
-  use text, only: es_text, to_text
+  use text, only: es_text
   implicit none (type, external)
   private
   public :: begin_model, choose_elements, error_lines, modes_of_mesh, take_mesh
@@ -69,34 +69,35 @@ contains
   end subroutine error_lines
 
   !> Elements of the bodies with elements='auto': the meshes of all are refined together until one is good enough by the next finer
-  !> one; beside that each body is then given the fewest that are good enough. The errors are those that remain. Where two finer
-  !> meshes in a row come no closer, nothing is gained any more.
-  subroutine choose_elements(d, error, text, fail)
+  !> one; beside that each body is then given the fewest that are good enough. The errors are those that remain, none where no
+  !> two meshes could be compared. Where two finer meshes in a row come no closer, nothing is gained any more.
+  subroutine choose_elements(d, began, error, text)
     type(deck), intent(inout) :: d
+    integer(ip), intent(in) :: began                 !! count of the clock
     real(wp), allocatable, intent(out) :: error(:)   !! [of the columns]
     type(summary_record), intent(inout) :: text
-    type(failure), intent(inout) :: fail
+    type(pilot_series) :: pilots
     type(pilot_result) :: reference, found, kept
+    type(failure) :: lost
     integer, allocatable :: level(:)                 ! elements of each body's longest way between two places; 0: it has its own
     integer, allocatable :: chosen(:)                ! those with the smallest change so far
     real(wp), allocatable :: rest(:), remains(:)     ! errors that the finer mesh still has [of the columns]
-    real(wp) :: cost                                 ! in explicit evaluations [-]
-    integer :: b, low, high, pilots, stalls
+    integer :: b, low, high, stalls
     logical :: good, closer
-    cost = 0.0_wp
-    pilots = 0
+    call pilots%begin(d, began)
     stalls = 0
+    good = .false.
     level = merge(1, 0, d%bodies%auto_elements)
-    call pilot(level, reference, fail)
-    if (fail%happened()) then                        ! one element may be too few for what the deck asks of the body
-      fail = failure()
+    chosen = first_elements*level
+    call pilots%run(with(level), reference, lost)
+    if (lost%happened() .and. .not. pilots%over) then   ! one element may be too few for what the deck asks of the body
+      lost = failure()
       level = 2*level
-      call pilot(level, reference, fail)
+      call pilots%run(with(level), reference, lost)
     end if
-    if (fail%happened()) return
-    do
-      call pilot(2*level, found, fail, reference)
-      if (fail%happened()) return
+    do while (.not. lost%happened())
+      call pilots%run(with(2*level), found, lost, reference)
+      if (lost%happened()) exit
       if (allocated(reference%error)) then
         remains = found%error*fall()/(1 - fall())
       else
@@ -120,7 +121,7 @@ contains
       low = 0
       if (count(level > 0) == 1) low = level(b)/2
       high = level(b)
-      do while (high - low > 1)
+      do while (high - low > 1 .and. .not. pilots%over)
         level(b) = (low + high)/2
         if (good_enough()) then
           high = level(b)
@@ -130,8 +131,10 @@ contains
       end do
       level(b) = high
     end do
-    error = kept%error + rest
-    kept%error = error
+    if (allocated(kept%error)) then
+      kept%error = kept%error + rest
+      error = kept%error
+    end if
     d = with(level)
     call tell()
   contains
@@ -147,22 +150,11 @@ contains
       call begin_model(x)
     end function with
 
-    !> A pilot on meshes of some levels.
-    subroutine pilot(levels, result, lost, beside)
-      integer, intent(in) :: levels(:)               !! (bodies)
-      type(pilot_result), intent(out) :: result
-      type(failure), intent(inout) :: lost
-      type(pilot_result), intent(in), optional :: beside
-      call run_pilot(with(levels), pilot_tolerance(d), result, lost, beside)
-      cost = cost + result%cost
-      pilots = pilots + 1
-    end subroutine pilot
-
     !> Whether the meshes of the present levels are good enough; a pilot that is lost says no.
     logical function good_enough() result(yes)
-      type(failure) :: lost
-      call pilot(level, found, lost, reference)
-      yes = .not. lost%happened()
+      type(failure) :: no_end
+      call pilots%run(with(level), found, no_end, reference)
+      yes = .not. no_end%happened()
       if (yes) yes = worst(found%error + rest) <= mesh_share
       if (yes) kept = found
     end function good_enough
@@ -182,21 +174,30 @@ contains
 
     !> What was chosen.
     subroutine tell()
+      character(:), allocatable :: words
       integer :: k
-      call text%line('')
-      call text%line('elements=''auto'', by pilots beside finer meshes (radau, tolerance '//to_text(pilot_tolerance(d))//'):')
+      call pilots%title('elements=''auto'', by pilots beside finer meshes', text)
       call text%open('elements', '{')
       do k = 1, size(d%bodies)
         if (level(k) > 0) call text%figure('  body "'//trim(d%bodies(k)%name)//'": elements=', trim(d%bodies(k)%name), &
                                            d%bodies(k)%elements, rest='')
       end do
       call text%close()
-      call error_lines(kept, 'mesh_errors', text)
-      k = maxloc(error/kept%asked, 1)
-      if (.not. good) call add_warnings(text, d%path, 'warning: elements=''auto'': '//trim(kept%names(k))//' errs by '// &
-        trim(adjustl(es_text(error(k)/kept%asked(k), 1)))//' of what is asked on meshes that no finer one betters'//new_line('a'))
-      call text%figure('  cost of ', 'mesh_pilots', pilots)
-      call text%figure(' pilots: ', 'mesh_cost', nint(cost, ip), rest=' explicit evaluations')
+      words = 'what the mesh makes columns err is not known'
+      if (allocated(error)) then
+        call error_lines(kept, 'mesh_errors', text)
+        k = maxloc(error/kept%asked, 1)
+        words = trim(kept%names(k))//' errs by '//trim(adjustl(es_text(error(k)/kept%asked(k), 1)))//' of what is asked'
+      end if
+      if (lost%happened()) then
+        words = words//': '//lost%message
+      else
+        words = words//' on meshes that no finer one betters'
+      end if
+      if (.not. (good .or. lost%status > status_signal)) call add_warnings(text, d%path, 'warning: elements=''auto'': '// &
+        words//new_line('a'))
+      call text%figure('  cost of ', 'mesh_pilots', pilots%count)
+      call text%figure(' pilots: ', 'mesh_cost', nint(pilots%cost, ip), rest=' explicit evaluations')
     end subroutine tell
   end subroutine choose_elements
 end module mesh_choice

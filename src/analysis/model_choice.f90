@@ -3,115 +3,151 @@
 module model_choice
   use kinds, only: wp, pi, ip
   use build_scene, only: build
+  use deck_mesh, only: halve_elements
   use deck_records, only: deck
-  use errors, only: failure, fault_list, status_bad_input
+  use errors, only: failure, fault_list, status_bad_input, status_failed, status_signal
   use mesh_choice, only: choose_elements, error_lines, modes_of_mesh, most_modes, take_mesh
   use modal_basis, only: modal_model
-  use model_pilot, only: pilot_result, pilot_tolerance, run_pilot
+  use model_pilot, only: pilot_result, pilot_series
+  use process, only: caught_signal, hold_signals
   use scene_model, only: scene
   use scene_run, only: run_state, prepare_run
   use sorting, only: ascending
+  use summary, only: add_warnings
   use summary_text, only: summary_record
   use text, only: es_text, to_text
   implicit none (type, external)
   private
   public :: choose_model
 
+  real(wp), parameter :: halving_error = 4/3.0_wp   !! error of a mesh over the change where errors fall by four [-]
+  integer, parameter :: most_level = 1000000000    !! more modes than any deck has
   real(wp), parameter :: modes_share = 0.5_wp  !! of what a column may err by that left-out modes may take [-]
 
 contains
 
-  !> Settles elements='auto', then modes='auto' on these meshes, and finds the errors of left-out modes, where the deck asks for
-  !> any of these.
-  subroutine choose_model(run, text, fail)
+  !> Settles elements='auto', then modes='auto' on these meshes, and finds the errors of left-out modes and of meshes, where the
+  !> deck asks for any of these; a restart has what the first run found. The scene is then built anew.
+  subroutine choose_model(run, fail)
     type(run_state), intent(inout) :: run
-    type(summary_record), intent(inout) :: text
     type(failure), intent(inout) :: fail
     type(run_state) :: settled
     type(fault_list) :: faults
-    real(wp), allocatable :: error(:), of_modes(:)   ! [of the columns]
+    real(wp), allocatable :: error(:)                ! [of the columns]
     logical :: meshed, reduced
     meshed = any(run%d%bodies%auto_elements)
     reduced = any(run%d%bodies%auto_modes)
-    if (.not. (meshed .or. reduced .or. run%d%transient%check_reduction)) return
-    call text%open('reduction', '{')
-    settled%d = run%d
-    if (meshed) call choose_elements(settled%d, error, text, fail)
-    if (reduced .and. .not. fail%happened()) call choose_modes(settled%d, of_modes, text, fail)
-    if ((meshed .or. reduced) .and. .not. fail%happened()) then
-      call prepare_run(settled, faults, fail)
-      if (fail%happened()) return
-      run = settled
-      if (.not. allocated(error)) error = 0*of_modes
-      if (allocated(of_modes)) error = error + of_modes
-      run%model_error = error
+    run%model_found = meshed .or. reduced .or. run%d%transient%check_reduction .or. run%d%transient%check_mesh
+    if (.not. run%model_found) return
+    call hold_signals(.true.)
+    if (run%restart) then
+      call run%exchange_model(run%saved)
+    else
+      associate (text => run%model_words)
+        call text%open('reduction', '{')
+        if (meshed) call choose_elements(run%d, run%began, run%model_error, text)
+        if (reduced) call choose_modes(run%d, run%began, error, text)
+        if (allocated(error) .and. allocated(run%model_error)) error = error + run%model_error
+        if (allocated(error)) run%model_error = error
+        if (run%d%transient%check_reduction) call check_model(run, take_meshes(run%d), 'left-out modes, beside nodal coordinates', &
+                                                              'errors', 'cost', 1.0_wp, text)
+        if (run%d%transient%check_mesh) call check_model(run, halved(run%d), 'meshes, beside elements of half the length', &
+                                                         'mesh_errors', 'mesh_cost', halving_error, text)
+        call text%close()
+      end associate
     end if
-    if (run%d%transient%check_reduction .and. .not. (reduced .or. fail%happened())) call check_modes(run%d, text, fail)
-    if (fail%happened()) return
-    call text%close()
+    if (caught_signal() > 0) call fail%raise(status_signal + caught_signal(), 'stopped by signal '//to_text(caught_signal())// &
+      ' in a pilot, before the run: no file was written or changed; run the deck again')
+    call hold_signals(.false.)
+    if (fail%happened() .or. .not. (meshed .or. reduced)) return
+    settled%d = run%d
+    settled%model_found = .true.
+    if (allocated(run%model_error)) settled%model_error = run%model_error
+    settled%model_words = run%model_words
+    settled%saved = run%saved
+    settled%folder = run%folder
+    settled%quiet = run%quiet
+    settled%restart = run%restart
+    settled%began = run%began
+    call prepare_run(settled, faults, fail)
+    if (.not. fail%happened()) run = settled
   end subroutine choose_model
 
-  !> The errors of the numbers of modes that the deck gives.
-  subroutine check_modes(d, text, fail)
+  !> A deck in nodal coordinates.
+  function take_meshes(d) result(better)
     type(deck), intent(in) :: d
-    type(summary_record), intent(inout) :: text
-    type(failure), intent(inout) :: fail
     type(deck) :: better
-    type(pilot_result) :: reference, found
     integer :: k
     better = d
     do k = 1, size(d%bodies)
       if (d%bodies(k)%modes > 0) call take_mesh(better%bodies(k))
     end do
-    call run_pilot(better, pilot_tolerance(d), reference, fail)
-    if (.not. fail%happened()) call run_pilot(d, pilot_tolerance(d), found, fail, reference)
-    if (fail%happened()) return
-    call text%line('')
-    call text%line('left-out modes, by pilots with them and without (radau, tolerance '//to_text(pilot_tolerance(d))//'):')
-    call error_lines(found, 'errors', text)
-    call text%figure('  cost of both: ', 'cost', nint(reference%cost + found%cost, ip), rest=' explicit evaluations')
-  end subroutine check_modes
+  end function take_meshes
+
+  !> A deck with beams of twice as many elements.
+  function halved(d) result(better)
+    type(deck), intent(in) :: d
+    type(deck) :: better
+    integer :: k
+    better = d
+    do k = 1, size(d%bodies)
+      if (d%bodies(k)%kind == 'beam' .and. .not. d%bodies(k)%auto_elements) call halve_elements(better, k)
+    end do
+  end function halved
+
+  !> The errors of the deck's model beside a better one.
+  subroutine check_model(run, better, words, errors, cost, factor, text)
+    type(run_state), intent(in) :: run
+    type(deck), intent(in) :: better
+    character(*), intent(in) :: words                !! what is looked at
+    character(*), intent(in) :: errors, cost         !! names of figures
+    real(wp), intent(in) :: factor                   !! error over the difference from the better model [-]
+    type(summary_record), intent(inout) :: text
+    type(pilot_series) :: pilots
+    type(pilot_result) :: reference, found
+    type(failure) :: lost
+    call pilots%begin(run%d, run%began)
+    call pilots%run(better, reference, lost)
+    if (.not. lost%happened()) call pilots%run(run%d, found, lost, reference)
+    call pilots%title(words//', by pilots', text)
+    if (.not. lost%happened()) found%error = factor*found%error
+    if (.not. lost%happened()) call error_lines(found, errors, text)
+    if (lost%status == status_failed) call add_warnings(text, run%d%path, 'warning: errors of the model are not known: '// &
+                                                        lost%message//new_line('a'))
+    call text%figure('  cost of both: ', cost, nint(pilots%cost, ip), rest=' explicit evaluations')
+  end subroutine check_model
 
   !> Numbers of modes of the bodies with modes='auto': all below a frequency, the lowest one that keeps the errors small enough.
-  subroutine choose_modes(d, error, text, fail)
+  subroutine choose_modes(d, began, error, text)
     type(deck), intent(inout) :: d
+    integer(ip), intent(in) :: began                 !! count of the clock
     real(wp), allocatable, intent(out) :: error(:)   !! [of the columns]
     type(summary_record), intent(inout) :: text
-    type(failure), intent(inout) :: fail
+    type(pilot_series) :: pilots
     type(pilot_result) :: reference, kept, missed
+    type(failure) :: lost
     type(deck) :: trial
     real(wp), allocatable :: frequency(:)            ! beyond the first one of each body [Hz]
     integer, allocatable :: body(:)                  ! whose it is
-    real(wp) :: cost                                 ! in explicit evaluations [-]
-    integer :: low, high, level, pilots
+    integer :: low, high, level
     logical :: good
-    call list_frequencies(d, body, frequency, fail)
-    if (fail%happened()) return
-    call run_pilot(d, pilot_tolerance(d), reference, fail)
-    if (fail%happened()) return
-    cost = reference%cost
-    pilots = 1
+    call pilots%begin(d, began)
+    call list_frequencies(d, body, frequency, lost)
+    if (.not. lost%happened()) call pilots%run(d, reference, lost)
     low = -1
     level = 0
-    do
-      call judge_level()
-      if (good .or. level == size(body)) exit
-      low = level
-      level = min(2*level + 1, size(body))
-    end do
-    high = level
-    do while (good .and. high - low > 1)
-      level = (low + high)/2
+    high = most_level                                ! not known
+    do while (.not. (lost%happened() .or. pilots%over) .and. high - low > 1 .and. low < size(body))
       call judge_level()
       if (good) high = level
       if (.not. good) low = level
-      good = .true.
+      if (high == most_level) level = min(2*level + 1, size(body))
+      if (high < most_level) level = (low + high)/2
     end do
     good = high < size(body)                         ! else nodal coordinates cost less
     call tell()
     if (good) error = kept%error
     if (good) d = with_modes(high)
-    if (.not. good) error = [(0.0_wp, level=1, size(reference%names))]
   contains
     !> The deck with the lowest modes of all bodies together, beyond the first one of each.
     function with_modes(level) result(x)
@@ -127,23 +163,21 @@ contains
     !> Whether the lowest modes keep the errors small enough; a pilot that is lost says no.
     subroutine judge_level()
       type(pilot_result) :: found
-      type(failure) :: lost
+      type(failure) :: no_end
       trial = with_modes(level)
-      call run_pilot(trial, pilot_tolerance(d), found, lost, reference)
-      cost = cost + found%cost
-      pilots = pilots + 1
-      good = .not. lost%happened()
+      call pilots%run(trial, found, no_end, reference)
+      if (pilots%over) lost = no_end
+      good = .not. no_end%happened()
       if (good) good = all(found%error <= modes_share*found%asked)
       if (good) kept = found
-      if (.not. good .and. .not. lost%happened()) missed = found
+      if (.not. good .and. .not. no_end%happened()) missed = found
     end subroutine judge_level
 
     !> What was chosen and why.
     subroutine tell()
       logical :: shapes(size(d%bodies))
       integer :: k
-      call text%line('')
-      call text%line('modes=''auto'', by pilots beside nodal coordinates (radau, tolerance '//to_text(pilot_tolerance(d))//'):')
+      call pilots%title('modes=''auto'', by pilots beside nodal coordinates', text)
       call text%open('modes', '{')
       trial = d
       if (good) trial = with_modes(high)
@@ -153,19 +187,21 @@ contains
       end do
       call text%close()
       if (good .and. high > 0) call text%line('  the highest at '//trim(adjustl(es_text(frequency(high), 2)))//' Hz')
-      if (high > 0 .and. allocated(missed%error)) then
+      if (allocated(missed%error)) then
         k = maxloc(missed%error/missed%asked, 1)
         call text%line('  fewer are not enough: '//trim(missed%names(k))//' errs by '// &
                        trim(adjustl(es_text(missed%error(k)/missed%asked(k), 1)))//' of what is asked; left-out modes may take '// &
                        to_text(modes_share))
       end if
       if (good) call error_lines(kept, 'errors', text)
-      if (.not. good) call text%line('  as many modes as the mesh has would be needed, or more than '//to_text(most_modes)// &
-                                     ': nodal coordinates, or all modes with reference=''free''')
+      if (lost%status == status_failed) call add_warnings(text, d%path, 'warning: modes=''auto'': fewer modes may be enough: '// &
+                                                          lost%message//new_line('a'))
+      if (.not. (good .or. lost%happened())) call text%line('  as many modes as the mesh has would be needed, or more than '// &
+                                     to_text(most_modes)//': nodal coordinates, or all modes with reference=''free''')
       shapes = d%bodies%static_shapes .or. .not. d%bodies%auto_modes
-      if (.not. (good .or. all(shapes))) call text%line('  with static_shapes=.true. few may be enough')
-      call text%figure('  cost of ', 'pilots', pilots)
-      call text%figure(' pilots: ', 'cost', nint(cost, ip), rest=' explicit evaluations')
+      if (.not. (good .or. all(shapes) .or. lost%happened())) call text%line('  with static_shapes=.true. few may be enough')
+      call text%figure('  cost of ', 'pilots', pilots%count)
+      call text%figure(' pilots: ', 'cost', nint(pilots%cost, ip), rest=' explicit evaluations')
     end subroutine tell
   end subroutine choose_modes
 

@@ -62,8 +62,8 @@ contains
     type(stability_advice) :: advice
     character(:), allocatable :: words, flat
     type(summary_record) :: text
-    type(summary_record) :: choice            ! of the model
     integer :: k
+    call system_clock(run%began)
     status = status_bad_input
     if (options%flat) then
       call read_deck(path, run%d, faults, options%settings, flat)
@@ -82,7 +82,12 @@ contains
     end if
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
     if (run%d%static%present .and. .not. fail%happened()) call refuse_free_bodies(run, fail)
-    if (.not. (options%check .or. fail%happened())) call choose_model(run, choice, fail)
+    run%quiet = options%quiet
+    run%restart = options%restart
+    run%folder = options%output
+    if (len(run%folder) == 0) run%folder = 'results/'//run%d%name
+    if (run%restart .and. .not. fail%happened()) call read_restart(run, fail)
+    if (.not. (options%check .or. fail%happened())) call choose_model(run, fail)
     if (fail%happened()) then
       call fail%tell(path)
       status = fail%status
@@ -92,7 +97,7 @@ contains
     call tell_warnings(text, path, model_warnings(run%sys%m, run%assembly))
     call warn_of_slips(run%d, options%check)
     call model_lines(run%d, run%sys%m, run%assembly, text)
-    call text%append(choice)
+    if (run%model_found) call text%append(run%model_words)
     if (options%check) call mobility_lines(run%d, text)
     if (options%check) call flexibility_lines(run, text)
     if (options%json .or. .not. options%check) call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)   ! in JSON alone
@@ -112,16 +117,6 @@ contains
       if (options%json) words = text%json()//new_line('a')
       call print_words(path, words, status)
       return
-    end if
-    run%quiet = options%quiet
-    run%restart = options%restart
-    run%folder = options%output
-    if (len(run%folder) == 0) run%folder = 'results/'//run%d%name
-    if (run%restart) then
-      call read_restart(run, fail)
-      status = fail%status
-      if (fail%happened()) call fail%tell(path)
-      if (fail%happened()) return
     end if
     status = run_in_folder(run, text)
   end function run_one_deck

@@ -1,10 +1,11 @@
 !> A scene ready for its analyses: the deck, its mechanism assembled at t = 0, and the present state. Analyses follow one
 !> another on it (input/README.md: static, modal, frequency response, transient).
 module scene_run
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use archive, only: value_archive
   use errors, only: failure, fault_list, status_no_output
   use evaluation_settings, only: usual_options
+  use deck_mesh, only: set_mesh
   use deck_records, only: deck
   use build_scene, only: build
   use assembly, only: assemble
@@ -39,11 +40,15 @@ module scene_run
     real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
     real(wp) :: stable_steps(size(method_names)) = huge(1.0_wp)   !! of each explicit method, also with bent bodies [s]
     logical :: rings = .false.                !! the vibration that limits steps is hardly damped
-    real(wp), allocatable :: model_error(:)   !! (columns) what modes left out make them err, where the run chose [of the column]
+    logical :: model_found = .false.          !! pilots have looked for it, or at it
+    real(wp), allocatable :: model_error(:)   !! (columns) what modes and meshes make them err, where the run chose [of the column]
+    type(summary_record) :: model_words       !! what pilots have found
+    integer(ip) :: began = 0                  !! count of the clock, for `most_seconds` alone
     logical :: quiet = .false.
     logical :: restart = .false.
   contains
     procedure :: vibrates
+    procedure :: exchange_model
   end type run_state
 
 contains
@@ -53,6 +58,26 @@ contains
     class(run_state), intent(in) :: self
     vibrates = self%d%modal%present .or. self%d%response%present
   end function vibrates
+
+  !> Saves or restores what pilots have found: their ends by `most_seconds` are not the same twice.
+  subroutine exchange_model(self, a)
+    class(run_state), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    integer :: k, n
+    do k = 1, size(self%d%bodies)
+      associate (b => self%d%bodies(k))
+        call a%exchange(b%mesh_level)
+        if (.not. a%saving .and. b%mesh_level > 0) call set_mesh(self%d, k, b%mesh_level)
+        call a%exchange(b%modes)
+      end associate
+    end do
+    n = 0
+    if (allocated(self%model_error)) n = size(self%model_error)
+    call a%exchange(n)
+    if (n > 0 .and. .not. a%saving) self%model_error = [(0.0_wp, k=1, n)]
+    if (n > 0) call a%exchange(self%model_error)
+    call self%model_words%exchange(a)
+  end subroutine exchange_model
 
   !> Builds and assembles the scene of a deck; faults of the deck go to faults, failed assembly to fail.
   subroutine prepare_run(run, faults, fail)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
 from biela.histories import read
@@ -51,6 +56,37 @@ def test_as_few_as_keep_the_accuracy(run_deck):
         assert settled[counts[-1]][worst] / 3 < found["mesh_errors"][worst] / ranges[worst] < 3 * settled[counts[-1]][worst]
         assert all(max(x.values()) > 0.25 * asked for n, x in settled.items() if n < counts[-1])
     assert counts[0] < counts[1] < 40
+
+
+def test_pilots_end_by_the_clock_and_by_signals(run_deck, biela, tmp_path):
+    """With a warning that says what was taken; a signal leaves things as if the run had not begun."""
+    deck = CRANK.format(elements="'auto'", how="accuracy=1e-2 most_seconds=1e-6")
+    run = run_deck(deck, name="late")
+    assert "elements='auto': what the mesh makes columns err is not known: most_seconds ended the pilots" in run.stderr
+    assert run.figures["reduction"]["elements"]["rod"] == 8
+    deck = deck.replace(" most_seconds=1e-6", "").replace("t_end=0.12", "t_end=9.0")
+    (tmp_path / "long.nml").write_text(re.sub(r"ghm_.*/", "/", deck), encoding="utf-8")
+    process = subprocess.Popen([str(biela), "--quiet", "--output", "none", "long.nml"], cwd=tmp_path, stderr=subprocess.PIPE)
+    ticks = Path(f"/proc/{process.pid}/stat")
+    while process.poll() is None and int(ticks.read_text().split()[13]) < 20:  # 0.2 s of the processor: in the pilots
+        time.sleep(0.01)
+    process.terminate()
+    words = process.communicate()[1].decode()
+    assert "stopped by signal 15 in a pilot, before the run: no file was written or changed" in words
+    assert process.returncode == 128 + 15
+    assert not (tmp_path / "none").exists()
+
+
+def test_the_error_of_a_mesh(run_deck):
+    """check_mesh beside sixteen elements."""
+    deck = CRANK.replace("t_end=0.12", "t_end=0.04")
+    truth = run_deck(deck.format(elements=16, how="method='radau' tolerance=1e-7"), name="truth")
+    run = run_deck(deck.format(elements=2, how="method='radau' tolerance=1e-7 check_mesh=.true."))
+    found, true = run.figures["reduction"]["mesh_errors"], shares(run, truth)
+    extent = {f"{c}[{u}]": np.ptp(read(truth.folder)[c]) for c, u in read(truth.folder).units.items()}
+    of_use = {c: found[c] / extent[c] / true[c] for c in true if true[c] > 1e-5}
+    assert len(of_use) > 2
+    assert all(1 / 3 < ratio < 3 for ratio in of_use.values())
 
 
 def test_a_place_is_a_node(run_deck):

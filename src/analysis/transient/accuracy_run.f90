@@ -40,7 +40,7 @@ contains
     start_state = run%y
     associate (r => run%d%transient)
       call march%search%begin(run%d, run%stable_steps, run%rings, size(compared_names(run)), &
-                              step_count(0.0_wp, r%t_end, r%output_step))
+                              step_count(0.0_wp, r%t_end, r%output_step), run%began)
     end associate
     if (run%restart) call march%search%exchange(run%saved)
     do

@@ -67,7 +67,8 @@ module accuracy_search
     real(wp), private :: first_step = 0.0_wp  !! of rk4 [s]
     real(wp), private :: output_step = 0.0_wp  !! [s]
     integer, private :: stalls = 0            !! refinements without effect
-    integer(ip), private :: began = 0         !! count of the clock, for `most_seconds` alone
+    integer(ip) :: began = 0                  !! count of the clock, for `most_seconds` alone
+    logical :: alone = .false.                !! a pilot of a model, of which nothing is delivered
   contains
     procedure :: begin
     procedure :: set
@@ -80,17 +81,18 @@ module accuracy_search
 contains
 
   !> A search for a deck's transient.
-  subroutine begin(self, d, bounds, rings, columns, outputs)
+  subroutine begin(self, d, bounds, rings, columns, outputs, began)
     class(pass_search), intent(inout) :: self
     type(deck), intent(in) :: d
     real(wp), intent(in) :: bounds(2)         !! safe steps of rk4 and dopri5; huge: nothing limits them [s]
     logical, intent(in) :: rings              !! the vibration that limits steps is hardly damped
     integer, intent(in) :: columns            !! that are compared
     integer(ip), intent(in) :: outputs        !! rows after that of t = 0
+    integer(ip), intent(in) :: began          !! count of the clock
     type(pass_record) :: first
     self%active = .true.
     self%rings = rings
-    call system_clock(self%began)
+    self%began = began
     associate (r => d%transient)
       self%free = r%free_method
       self%accuracy = r%accuracy
@@ -178,7 +180,7 @@ contains
     real(wp), intent(in) :: most_seconds      !! [s]
     integer(ip) :: now, rate
     yes = .false.
-    if (self%delivered == 0 .or. .not. most_seconds < huge(1.0_wp)) return
+    if (self%delivered == 0 .and. .not. self%alone .or. .not. most_seconds < huge(1.0_wp)) return
     call system_clock(now, rate)
     yes = real(now - self%began, wp) > most_seconds*real(rate, wp)
   end function late

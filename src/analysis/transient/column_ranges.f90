@@ -70,25 +70,32 @@ contains
     real(wp) :: largest(size(self%low))
     character(len(names)) :: unit(size(self%low))
     real(wp) :: mine
+    real(wp) :: bent                          ! stress of a section that a unit moment bends [1/m3]
     integer :: k, j
+    bent = s%size**(-3)
+    do k = 1, size(s%bodies)
+      if (allocated(s%bodies(k)%elements)) bent = max(bent, maxval(s%bodies(k)%elements%fibre/s%bodies(k)%elements%second))
+    end do
     do k = 1, size(unit)
       unit(k) = names(k)(index(names(k), '[') + 1:)
     end do
     do k = 1, size(unit)
-      largest(k) = unit_scale(trim(unit(k)), sum(s%bodies%mass), s%size, time)
+      largest(k) = unit_scale(trim(unit(k)), sum(s%bodies%mass), s%size, time, bent)
       do j = 1, size(unit)
         mine = max(abs(self%low(j)), abs(self%high(j)))
         if (unit(j) == unit(k)) largest(k) = max(largest(k), mine)
         if (unit(j) == 'N]' .and. unit(k) == 'Nm]') largest(k) = max(largest(k), mine*s%size)
         if (unit(j) == 'Nm]' .and. unit(k) == 'N]') largest(k) = max(largest(k), mine/s%size)
+        if (unit(j) == 'Nm]' .and. unit(k) == 'Pa]') largest(k) = max(largest(k), mine*bent)
       end do
     end do
   end function sizes
 
   !> A value of a unit, made of a mass, a length and a time [of the unit].
-  pure function unit_scale(unit, mass, length, time) result(x)
+  pure function unit_scale(unit, mass, length, time, bent) result(x)
     character(*), intent(in) :: unit
     real(wp), intent(in) :: mass, length, time   !! [kg], [m], [s]
+    real(wp), intent(in) :: bent              !! stress of a unit moment [1/m3]
     real(wp) :: x
     select case (unit(:scan(unit//'/]', '/]') - 1))
     case ('m')
@@ -100,7 +107,7 @@ contains
     case ('W')
       x = mass*(length/time)**2/time
     case ('Pa')
-      x = mass/(length*time**2)
+      x = mass*(length/time)**2*bent
     case ('kg^.5*m')
       x = sqrt(mass)*length
     case default                              ! rad

@@ -1,34 +1,67 @@
 !> A pilot: the transient of a changed deck by radau, without files or words, for a question about the model. Two pilots at the same
 !> tolerance, one of a better model, tell what the other model makes each column err (theory.md, section 12).
 module model_pilot
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use accuracy_search, only: member, pass_record
   use accuracy_words, only: asked_errors
   use compared_columns, only: compared_names
   use deck_records, only: deck
-  use errors, only: failure, fault_list, status_failed
+  use errors, only: failure, fault_list, status_failed, status_signal
   use force_element, only: stage_transient
   use scene_run, only: run_state, prepare_run
   use static_analysis, only: run_static
   use step_counts, only: step_count
   use stored_pass, only: pass_rows
   use summary_text, only: summary_record
+  use text, only: to_text
   use transient, only: run_transient, transient_march
   implicit none (type, external)
   private
-  public :: run_pilot, pilot_tolerance
+
+  real(wp), parameter :: most_work = 1.0e9_wp     !! of all pilots of a question: explicit evaluations times unknowns [-]
 
   !> What a pilot has shown; errors are differences from the pilot of a better model.
   type, public :: pilot_result
     character(80), allocatable :: names(:)    !! of the columns
     type(pass_rows) :: rows
-    real(wp) :: cost = 0.0_wp                 !! in explicit evaluations [-]
     real(wp), allocatable :: error(:)         !! (columns) [of the column]
     real(wp), allocatable :: range(:)         !! (columns) 0: rounding [of the column]
     real(wp), allocatable :: asked(:)         !! (columns) errors that the accuracy allows; huge: any [of the column]
   end type pilot_result
 
+  !> The pilots of one question.
+  type, public :: pilot_series
+    real(wp) :: tolerance = 0.0_wp            !! [-]
+    integer(ip) :: began = 0                  !! count of the clock when the program began, for `most_seconds` alone
+    integer :: count = 0
+    real(wp) :: cost = 0.0_wp                 !! in explicit evaluations [-]
+    real(wp) :: work = 0.0_wp                 !! the same times unknowns [-]
+    logical :: over = .false.                 !! pilots have cost what they may; no other one is run
+  contains
+    procedure :: begin
+    procedure :: run => run_pilot
+    procedure :: title
+  end type pilot_series
+
 contains
+
+  !> No pilots yet.
+  subroutine begin(self, d, began)
+    class(pilot_series), intent(out) :: self
+    type(deck), intent(in) :: d
+    integer(ip), intent(in) :: began          !! count of the clock
+    self%tolerance = pilot_tolerance(d)
+    self%began = began
+  end subroutine begin
+
+  !> What they were for, as a heading.
+  subroutine title(self, words, text)
+    class(pilot_series), intent(in) :: self
+    character(*), intent(in) :: words
+    type(summary_record), intent(inout) :: text
+    call text%line('')
+    call text%line(words//' (radau, tolerance '//to_text(self%tolerance)//'):')
+  end subroutine title
 
   !> Tolerance of pilots: their own errors have to be small beside what the columns may err by, and what left-out modes ring by must
   !> not be damped.
@@ -44,9 +77,9 @@ contains
   end function pilot_tolerance
 
   !> Runs a pilot, after the static analysis where the deck has one; where it cannot be run to its end, fail says why.
-  subroutine run_pilot(d, tolerance, found, fail, reference)
+  subroutine run_pilot(self, d, found, fail, reference)
+    class(pilot_series), intent(inout) :: self
     type(deck), intent(in) :: d
-    real(wp), intent(in) :: tolerance         !! [-]
     type(pilot_result), intent(out) :: found
     type(failure), intent(inout) :: fail
     type(pilot_result), intent(in), optional :: reference   !! of a better model, with the same columns
@@ -60,15 +93,17 @@ contains
     associate (r => run%d%transient)
       r%method = 'radau'
       r%adaptive = .true.
-      r%tolerance = tolerance
+      r%tolerance = self%tolerance
       r%first_step = 0.0_wp
       r%max_step = 0.0_wp
       r%check_error = .false.
       r%checkpoint_interval = 0.0_wp
       r%motion_step = 0.0_wp
       r%stabilization = 'projection'
+      if (r%most_seconds < huge(1.0_wp)) r%most_seconds = r%most_seconds/2   ! the rest is left to the run
     end associate
     call prepare_run(run, faults, fail)
+    self%count = self%count + 1
     if (faults%count > 0) call fail%raise(status_failed, 'a pilot cannot be built: '//faults%items(1)%message)
     unread = summary_record(silent=.true.)
     if (d%static%present .and. .not. fail%happened()) call run_static(run, unread, fail)
@@ -77,15 +112,23 @@ contains
     found%names = compared_names(run)
     associate (search => march%search)
       search%active = .true.
+      search%alone = .true.
+      search%began = self%began
       search%count = 1
-      search%passes(1) = pass_record(member, method='radau', setting=tolerance)
+      search%passes(1) = pass_record(member, method='radau', setting=self%tolerance, &
+                                     budget=(most_work - self%work)/run%sys%m%s%ny)
       if (present(reference)) then
         search%rows = reference%rows
       else
         allocate (search%rows%values(size(found%names), 0:step_count(0.0_wp, d%transient%t_end, d%transient%output_step)))
       end if
       call run_transient(run, march, fail)
-      found%cost = march%cost(run)
+      self%cost = self%cost + march%cost(run)
+      self%work = self%work + march%cost(run)*run%sys%m%s%ny
+      self%over = march%stopped .or. fail%status > status_signal
+      if (march%stopped) call fail%raise(status_failed, trim(merge( &
+        'pilots have cost 1e9 explicit evaluations times unknowns', 'most_seconds ended the pilots                           ', &
+        march%cost(run) > search%passes(1)%budget)))
       if (fail%happened()) return
       call search%rows%turn()
       found%rows = search%rows

@@ -312,6 +312,10 @@ contains
     due = run%d%transient%checkpoint_interval > 0.0_wp
     if (due) due = march%method%t >= march%saved + run%d%transient%checkpoint_interval
     if (.not. (due .or. signal > 0)) return
+    if (march%search%alone) then
+      call fail%raise(status_signal + signal, 'a signal stopped a pilot')
+      return
+    end if
     call save(run, march, fail)
     if (signal == 0) return
     call fail%raise(status_signal + signal, 'stopped by signal '//to_text(signal)// &
@@ -330,6 +334,7 @@ contains
     if (ok) then
       march%saved = march%method%t
       call a%begin_saving()
+      if (run%model_found) call run%exchange_model(a)
       call march%search%exchange(a)
       call march%exchange(run, a)
       call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)

@@ -77,6 +77,7 @@ contains
     call get(deck, 'accept_unstable', t%accept_unstable)
     call get(deck, 'check_error', t%check_error)
     call get(deck, 'check_reduction', t%check_reduction)
+    call get(deck, 'check_mesh', t%check_mesh)
     call get(deck, 'most_seconds', t%most_seconds, above=0.0_wp)
     call get(deck, 'output_step', t%output_step, above=0.0_wp)
     call get(deck, 'checkpoint_interval', t%checkpoint_interval, least=0.0_wp)

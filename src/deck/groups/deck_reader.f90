@@ -261,11 +261,15 @@ contains
       end do
       if (d%transient%check_reduction .and. .not. any(d%bodies%modes > 0)) call d%transient%at%blame(source%faults, &
         'check_reduction=.true. estimates the error of a given number of modes, expected a body with modes > 0')
+      if (d%transient%check_mesh .and. .not. any(d%bodies%kind == 'beam' .and. .not. d%bodies%auto_elements)) call &
+        d%transient%at%blame(source%faults, 'check_mesh=.true. estimates the error of a given number of elements, expected a '// &
+        'beam with such')
       do k = 1, size(d%sensors)
         if (all(d%sensors(k)%quantity /= ['coordinate', 'internal  ']) .or. d%sensors(k)%marker%body == 0) cycle
         associate (b => d%bodies(d%sensors(k)%marker%body))
-          if (b%auto_elements) call d%sensors(k)%at%blame(source%faults, 'quantity='//quoted(trim(d%sensors(k)%quantity))// &
-            ' means another thing in each mesh, expected it without elements=''auto''')
+          if (b%auto_elements .or. (d%transient%check_mesh .and. b%kind == 'beam')) call d%sensors(k)%at%blame(source%faults, &
+            'quantity='//quoted(trim(d%sensors(k)%quantity))//' means another thing in each mesh, expected it without '// &
+            trim(merge('elements=''auto''', 'check_mesh     ', b%auto_elements)))
           if (d%sensors(k)%quantity == 'internal') cycle
           if (b%auto_modes .or. (b%modes > 0 .and. d%transient%check_reduction)) call d%sensors(k)%at%blame(source%faults, &
             'quantity=''coordinate'' of a mode has nothing to be compared with in nodal coordinates, expected it without '// &

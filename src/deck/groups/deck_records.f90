@@ -61,7 +61,8 @@ module deck_records
     real(wp) :: length = 0.0_wp              !! beam: [m]
     integer :: elements = 0                  !! beam and frame: number of elements
     logical :: auto_elements = .false.       !! beam: the run finds the fewest that keep the accuracy
-    real(wp), allocatable :: stations(:)     !! such a beam: where its nodes are, of its length [-]
+    integer :: mesh_level = 0                !! such a beam: elements of the longest way between two places, 0: not set
+    real(wp), allocatable :: stations(:)     !! beam: where its nodes are, of its length, if not at equal distances [-]
     integer :: nodes = 0                     !! beam and frame: number of nodes; rigid: 0
     real(wp), allocatable :: node_x(:)       !! frame: [m]
     real(wp), allocatable :: node_y(:)       !! frame: [m]
@@ -278,6 +279,7 @@ module deck_records
     logical :: accept_unstable = .false.
     logical :: check_error = .false.         !! a second run estimates the errors of all columns
     logical :: check_reduction = .false.     !! pilots estimate what left-out modes make the columns err
+    logical :: check_mesh = .false.          !! the same of the meshes of beams
     real(wp) :: accuracy = 0.0_wp            !! asked of every column, of its range; 0: method and steps are given [-]
     logical :: free_method = .false.         !! the accuracy decides on the method, too
     real(wp) :: most_seconds = huge(1.0_wp)  !! by the clock, for the search of steps that keep the accuracy [s]
