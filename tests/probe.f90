@@ -126,7 +126,7 @@ contains
     select type (march)
     type is (radau_march)
       call march%try_step(run%sys, march%tried, ok)
-      call march%measure_step(run%sys, march%tried, error)
+      call march%measure_step(run%sys, error)
       call show('error', march%stages%work%e)
     end select
     write (*, '(a, es24.16)') 'allowed', error

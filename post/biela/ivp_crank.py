@@ -51,11 +51,11 @@ def settings(family: str) -> list[Setting]:
     """Return the ladder of a method.
 
     Explicit steps go from the output interval over 4 to that over 1024, implicit ones from the interval to its 256th part;
-    tolerances fall from 1e-3 (implicit: 1e-2) by tens, seven and four times.
+    tolerances fall from 1e-3 by tens, seven times.
     """
     implicit = FAMILIES[family][0] == "generalized_alpha"
     if FAMILIES[family][1] == "tolerance":
-        return [Setting(family, k) for k in (range(0, 10, 2) if implicit else range(2, 16, 2))]
+        return [Setting(family, k) for k in range(2, 16, 2)]
     ladder = [Setting(family, 0 if implicit else 3)]
     while len(ladder) < 9:
         ladder.append(ladder[-1].doubled())

@@ -19,7 +19,6 @@ FAMILIES = {
     "rk4": ("rk4", "step"),
     "dopri5": ("dopri5", "tolerance"),
     "generalized_alpha": ("generalized_alpha", "step"),
-    "generalized_alpha adaptive": ("generalized_alpha", "tolerance"),
     "radau": ("radau", "step"),
     "radau adaptive": ("radau", "tolerance"),
 }

@@ -18,7 +18,7 @@ RUNS = {
     "rk4": "&transient method='rk4' step=1.0e-5 t_end=0.01 output_step=1.0e-3 /\n",
     "dopri5": "&transient method='dopri5' tolerance=1.0e-8 t_end=0.01 output_step=1.0e-3 /\n",
     "fixed": "&transient method='generalized_alpha' step=1.0e-5 t_end=0.01 output_step=1.0e-3 /\n",
-    "adaptive": "&transient method='generalized_alpha' tolerance=1.0e-8 t_end=0.01 output_step=1.0e-3 /\n",
+    "adaptive": "&transient method='radau' tolerance=1.0e-8 t_end=0.01 output_step=1.0e-3 /\n",
 }
 
 
@@ -135,8 +135,7 @@ def test_all_elastic_modes_of_a_mesh_may_be_kept_and_no_more(more, most, biela, 
         assert (f"expected at most {most}" in told) == (modes > most)
 
 
-@pytest.mark.parametrize("method", ["generalized_alpha' step=0.01", "generalized_alpha' tolerance=1e-6", "radau' step=0.01",
-                                    "radau' tolerance=1e-6"])
+@pytest.mark.parametrize("method", ["generalized_alpha' step=0.01", "radau' step=0.01", "radau' tolerance=1e-6"])
 @pytest.mark.parametrize("kind", ["mass=1.0 inertia=0.1", "kind='beam' length=1.0 elements=2 material='s' section='q'"])
 @pytest.mark.parametrize("joint", ["", "&joint name='j' type='revolute' body_a='b' {} /\n"])
 def test_a_body_at_rest_stays_without_a_division_by_what_does_not_move(joint, kind, method, biela, tmp_path):
@@ -150,7 +149,7 @@ def test_a_body_at_rest_stays_without_a_division_by_what_does_not_move(joint, ki
     assert np.array_equal(rows[:, 1], [0.0, 0.0, 0.0])
 
 
-@pytest.mark.parametrize("method", ["dopri5", "radau", "generalized_alpha"])
+@pytest.mark.parametrize("method", ["dopri5", "radau"])
 def test_a_point_that_is_measured_does_not_move_the_scene(method, run_deck):
     """However far away: steps and accuracy are those of the deck without its sensor."""
     deck = f"""&scene gravity=0.0,-9.81 /

@@ -62,7 +62,6 @@ def test_the_tools_faults_are_one_line(tmp_path, monkeypatch, capsys):
     ("family", "ladder"),
     [
         ("dopri5", [1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9]),
-        ("generalized_alpha adaptive", [1e-2, 1e-3, 1e-4, 1e-5, 1e-6]),
         ("rk4", [1.0 / (4 * 2**k) for k in range(9)]),
         ("generalized_alpha", [1.0 / 2**k for k in range(9)]),
     ],

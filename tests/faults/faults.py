@@ -43,7 +43,6 @@ METHODS = {
     "dopri5, fixed steps": "method='dopri5' step=8e-6",
     "dopri5, tolerance": "method='dopri5' tolerance=1e-7",
     "generalized_alpha, fixed steps": "method='generalized_alpha' step=2e-5",
-    "generalized_alpha, tolerance": "method='generalized_alpha' tolerance=1e-5",
     "radau, fixed steps": "method='radau' step=2e-4",
     "radau, tolerance": "method='radau' tolerance=1e-5",
     "two runs that estimate errors": "method='dopri5' tolerance=1e-6 check_error=.true.",

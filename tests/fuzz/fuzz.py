@@ -144,7 +144,7 @@ def twins(folder: Path, name: str) -> list[str]:
     if not end or "{" in end[1]:  # an expression, whose value is the solver's
         return []
     names = []
-    for method in ("dopri5' tolerance=1e-9", "generalized_alpha' tolerance=1e-7"):
+    for method in ("dopri5' tolerance=1e-9", "radau' tolerance=1e-9"):
         names.append(f"{method[:6]}_{name}")
         made = f"&transient t_end={end[1]} method='{method} output_step={float(end[1]) / 10!r} /\n"
         (folder / names[-1]).write_bytes(text.replace(groups[0], made).encode("latin-1"))

@@ -222,13 +222,12 @@ def test_curves_of_all_methods_fall_with_their_orders(study, tmp_path):
     folder, _, _ = study(tmp_path / "deck.nml", "--tolerance", "1e-6")
     text = (folder / "tradeoff.txt").read_text()
     first, last, middle = {}, {}, {}
-    for family in ("rk4", "dopri5", "generalized_alpha", "generalized_alpha adaptive", "radau", "radau adaptive"):
+    for family in ("rk4", "dopri5", "generalized_alpha", "radau", "radau adaptive"):
         orders = [float(order) for order in re.search(rf"^  {family}: ([-\d., ]+)$", text, re.MULTILINE)[1].split(", ")]
         first[family], last[family], middle[family] = orders[0], orders[-1], sorted(orders[:3])[1]
     assert abs(last["rk4"] - 4.0) < 0.3
     assert 4.5 < last["dopri5"] < 7.5
     assert abs(last["generalized_alpha"] - 2.0) < 0.15
-    assert 1.7 < last["generalized_alpha adaptive"] < 2.8
     assert abs(first["radau"] - 5.0) < 0.3, "from an error of 4e-11 on its own finest runs are rounding"
     assert 4.5 < middle["radau adaptive"] < 7.5, "errors by tolerance scatter from run to run"
     rows = re.findall(r"^generalized_alpha step (\S+) s +\S+ +\S+ +\S+ +\S+ +(\d+) ", text, re.MULTILINE)

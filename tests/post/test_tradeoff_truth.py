@@ -277,7 +277,6 @@ def test_what_the_solver_warns_of_and_what_is_absent_are_told(tmp_path):
     assert tradeoff_work.absent(args, study, base) == [
         "dopri5: not in --methods",
         "generalized_alpha: not in --methods",
-        "generalized_alpha adaptive: not in --methods",
         "radau: radau step 0.1 s: the step is too large",
         "radau adaptive: there was no time for it",
     ]

@@ -22,7 +22,6 @@ TERMS = "ghm_alpha=0.5,0.3 ghm_zeta=1.2,0.6 ghm_omega=900.0,4000.0 prony_alpha=0
 MATERIALS = ["", TERMS, "rayleigh_stiffness=1e-4"]
 METHODS = {
     "fixed generalized_alpha": "method='generalized_alpha' step={step:.17g}",
-    "controlled generalized_alpha": "method='generalized_alpha' tolerance=1e-3",
     "fixed radau": "method='radau' step={step:.17g}",
     "controlled radau": "method='radau' tolerance=1e-5",
     "rk4": "method='rk4' step={small:.17g}",

@@ -3,7 +3,7 @@
 !> since what that describes is gone when the next pass has begun.
 module accuracy_run
   use kinds, only: wp, ip
-  use accuracy_search, only: pass_record, finished, given_up, lost_pass, witness
+  use accuracy_search, only: has_fixed_steps, pass_record, finished, given_up, lost_pass, witness
   use accuracy_words, only: asked_errors, setting_words
   use compared_columns, only: compared_names
   use errors, only: failure, status_failed
@@ -132,7 +132,7 @@ contains
           call text%open('', '{')
           call text%figure('  pass '//to_text(k)//trim(roles(pass%role))//': ', 'method', trim(pass%method))
           call text%words%add(setting_words(pass))
-          call text%member(trim(merge('step     ', 'tolerance', pass%method == 'rk4')), json_number(pass%setting))
+          call text%member(trim(merge('step     ', 'tolerance', has_fixed_steps(pass%method))), json_number(pass%setting))
           call text%member('role', json_text(trim(merge('pilot  ', merge('witness', 'results', pass%role == witness), &
                                                         pass%role == 1))))
           if (pass%outcome == 0) then

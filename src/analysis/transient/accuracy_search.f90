@@ -10,6 +10,7 @@ module accuracy_search
   use text, only: es_text
   implicit none (type, external)
   private
+  public :: has_fixed_steps
 
   !> How a pass ended.
   integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
@@ -34,7 +35,7 @@ module accuracy_search
     integer :: role = pilot
     integer :: outcome = under_way
     character(20) :: method = ''
-    real(wp) :: setting = 0.0_wp              !! tolerance [-], of rk4 the step [s]
+    real(wp) :: setting = 0.0_wp              !! tolerance [-], of methods of fixed steps the step [s]
     real(wp) :: budget = huge(1.0_wp)         !! cost at which it is given up [-]
     real(wp) :: expected = 0.0_wp             !! cost, by the passes before [-]
     real(wp) :: cost = 0.0_wp                 !! in explicit evaluations [-]
@@ -64,7 +65,7 @@ module accuracy_search
     logical, private :: rings = .false.       !! vibrations that a pass may damp do not die by themselves
     real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
     real(wp), private :: explicit_cost = 0.0_wp   !! of dopri5 at its stable step over the run, 0: nothing vibrates [-]
-    real(wp), private :: first_step = 0.0_wp  !! of rk4 [s]
+    real(wp), private :: first_step = 0.0_wp  !! of a method of fixed steps [s]
     real(wp), private :: output_step = 0.0_wp  !! [s]
     integer, private :: stalls = 0            !! refinements without effect
     integer(ip) :: began = 0                  !! count of the clock, for `most_seconds` alone
@@ -99,7 +100,8 @@ contains
       if (size(d%sensors) > 0) self%accuracy = minval(merge(d%sensors%accuracy, r%accuracy, d%sensors%accuracy > 0.0_wp))
       if (bounds(2) < huge(1.0_wp)) self%explicit_cost = step_evaluations*r%t_end/bounds(2)
       self%output_step = r%output_step
-      self%first_step = actual_step(r%output_step, min(safe_share*bounds(1), r%output_step))
+      self%first_step = r%output_step
+      if (r%method == 'rk4') self%first_step = actual_step(r%output_step, min(safe_share*bounds(1), r%output_step))
       allocate (self%rows%values(columns, 0:outputs), source=0.0_wp)
       if (.not. self%free) then
         first = pass_record(member, method=r%method, setting=first_setting(self, r%method))
@@ -120,9 +122,15 @@ contains
     character(*), intent(in) :: method
     setting = self%accuracy                   ! [-]
     if (method == 'dopri5') setting = tenth*self%accuracy
-    if (method == 'rk4') setting = self%first_step
-    if (method /= 'rk4') setting = max(min(setting, coarsest), least_tolerance/tenth)   ! a finer pass is possible
+    setting = max(min(setting, coarsest), least_tolerance/tenth)   ! a finer pass is possible
+    if (has_fixed_steps(method)) setting = self%first_step
   end function first_setting
+
+  !> Whether a method is refined by its step, not by a tolerance.
+  pure logical function has_fixed_steps(method) result(yes)
+    character(*), intent(in) :: method
+    yes = method == 'rk4' .or. method == 'generalized_alpha'
+  end function has_fixed_steps
 
   !> The next pass.
   subroutine add(self, pass)
@@ -159,7 +167,7 @@ contains
     type(transient_record), intent(inout) :: r
     associate (pass => self%passes(self%count))
       r%method = pass%method
-      r%adaptive = pass%method /= 'rk4'
+      r%adaptive = .not. has_fixed_steps(pass%method)
       r%tolerance = pass%setting
       r%step = pass%setting
     end associate
@@ -185,12 +193,12 @@ contains
     yes = real(now - self%began, wp) > most_seconds*real(rate, wp)
   end function late
 
-  !> Errors fall at least with this power of the tolerance, or of a fixed step.
+  !> Errors fall at least with this power of the tolerance, or of a fixed step: half the order.
   pure real(wp) function power(method)
     character(*), intent(in) :: method
     power = 0.6_wp                            ! [-]
     if (method == 'rk4') power = 2.0_wp
-    if (method == 'generalized_alpha') power = 1.0_wp/3.0_wp   ! which is of second order
+    if (method == 'generalized_alpha') power = 1.0_wp
   end function power
 
   !> Error of the finer of two passes over the difference of both, as it is expected to be: two methods have errors of their own.
@@ -314,13 +322,13 @@ contains
     character(8) :: digits
     real(wp) :: setting                       ! [-] or [s]
     setting = pass%setting*finer(self, pass)
-    if (pass%method == 'rk4') then
+    if (has_fixed_steps(pass%method)) then
       setting = actual_step(self%output_step, setting)
     else
       digits = es_text(setting, 1)            ! tolerances are told as they are
       read (digits, *) setting
     end if
-    if (pass%method /= 'rk4' .and. setting < least_tolerance) then
+    if (setting < least_tolerance .and. .not. has_fixed_steps(pass%method)) then
       call finish(self, .false., 'tolerances end at 1e-13')
     else
       call add(self, pass_record(member, method=pass%method, setting=setting))

@@ -3,7 +3,7 @@
 !> is late keeps its energy. The words say so; only the second run of `error_check` speaks of columns.
 module accuracy_words
   use kinds, only: wp
-  use accuracy_search, only: pass_record
+  use accuracy_search, only: has_fixed_steps, pass_record
   use compared_columns, only: compared_names
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
@@ -194,7 +194,7 @@ contains
     type(pass_record), intent(in) :: pass
     character(:), allocatable :: words
     words = ', tolerance '//to_text(pass%setting)
-    if (pass%method == 'rk4') words = ', step '//to_text(pass%setting)//' s'
+    if (has_fixed_steps(pass%method)) words = ', step '//to_text(pass%setting)//' s'
   end function setting_words
 
   !> How well the times of events are known, and up to when the sequences of both runs agree.

@@ -16,10 +16,6 @@ module choose_stepper
   private
   public :: make_stepper, method_order
 
-  !> Implicit steps satisfy the constraints but for rounding, 4e-14 of the scene's size where rows are nearly dependent: below
-  !> this tolerance (1e-6 of the size times what a step may err by) the least scales grow, so that it is not taken for an error.
-  real(wp), parameter :: finest = 1.0e-6_wp    !! [-]
-
 contains
 
   !> Order of a method, for breakpoints that matter to it.
@@ -59,7 +55,6 @@ contains
     end associate
     call group_unknowns(s, march%norm)
     march%norm%fastest = fastest
-    if (r%method == 'generalized_alpha' .and. r%adaptive) march%norm%floor = march%norm%floor*max(1.0_wp, finest/r%tolerance)
     select type (march)
     type is (alpha_march)
       march%spectral_radius = r%spectral_radius

@@ -16,7 +16,7 @@ module mechanism_ode
   use newton_correction, only: take_residual, correction, row_correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
   use newton_equations, only: prepare, give_terms, let_terms_follow, residual, take_body_residuals => take_residual, renew
-  use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, scene_reach
+  use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, scene_reach
   use newton_start, only: smooth_accelerations, row_gaps
   use newton_system, only: newton_matrix, set_up_newton
   use position_measures, only: position_measure
@@ -57,7 +57,6 @@ module mechanism_ode
     procedure :: smooth
     procedure :: gaps
     procedure :: along_rows => mechanism_along
-    procedure :: resolve
     procedure :: choose_rows
   end type mechanism_system
 
@@ -326,13 +325,6 @@ contains
     call set_frames(self%m, self%ev, q)
     call row_correction(self%t%t, self%m, self%ev, gap, dq, dlambda)
   end subroutine mechanism_along
-
-  !> What the step resolves of two vectors.
-  subroutine resolve(self, x, y)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(inout), contiguous :: x(:), y(:)   !! (nq) [any]
-    call resolved_part(self%t, self%m, x, y)
-  end subroutine resolve
 
   !> Whether rows were nearly dependent at the last evaluation.
   pure logical function nearly_dependent(ev) result(yes)

@@ -70,9 +70,9 @@ contains
     if (searched .and. .not. deck%is_given('accuracy')) t%accuracy = default_accuracy
     if (searched .and. t%free_method) call deck%choose('method', '', .false.)   ! then no variable is bound to one
     call get(deck, 'step', t%step, above=0.0_wp)
-    call get(deck, 'tolerance', t%tolerance, above=0.0_wp, below=1.0_wp, kinds='dopri5 radau generalized_alpha')
-    call get(deck, 'first_step', t%first_step, above=0.0_wp, kinds='dopri5 radau generalized_alpha')
-    call get(deck, 'max_step', t%max_step, above=0.0_wp, kinds='dopri5 radau generalized_alpha')
+    call get(deck, 'tolerance', t%tolerance, above=0.0_wp, below=1.0_wp, kinds='dopri5 radau')
+    call get(deck, 'first_step', t%first_step, above=0.0_wp, kinds='dopri5 radau')
+    call get(deck, 'max_step', t%max_step, above=0.0_wp, kinds='dopri5 radau')
     call get(deck, 'spectral_radius', t%spectral_radius, least=0.0_wp, most=0.99_wp, kinds='generalized_alpha')
     call get(deck, 'accept_unstable', t%accept_unstable)
     call get(deck, 'check_error', t%check_error)
@@ -104,13 +104,14 @@ contains
 
     !> A fixed step or a tolerance, not both.
     subroutine read_step_kind()
-      t%adaptive = deck%is_given('tolerance') .and. .not. deck%is_choice('rk4')
+      t%adaptive = deck%is_given('tolerance') .and. deck%is_choice('dopri5 radau')
       if (t%adaptive .and. deck%is_given('step')) then
         call deck%complain('tolerance', 'step and tolerance are both given, expected step (fixed steps) or tolerance '// &
           '(adaptive steps)')
       else if (.not. (t%adaptive .or. deck%is_given('step'))) then
-        if (deck%is_choice('rk4')) then
-          call deck%note_missing('step', 'step > 0 or accuracy > 0', kinds='rk4')
+        if (deck%is_choice('rk4 generalized_alpha')) then
+          if (.not. deck%is_given('tolerance')) &
+            call deck%note_missing('step', 'step > 0 or accuracy > 0', kinds='rk4 generalized_alpha')
         else if (deck%choice_known) then
           call deck%note_missing('step', 'step > 0 (fixed steps), tolerance > 0 (adaptive steps) or accuracy > 0')
         end if

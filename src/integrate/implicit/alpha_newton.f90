@@ -263,8 +263,8 @@ contains
 
   !> Whether the first correction leaves an error that needs no second one: the contraction measured within the last steps says
   !> that what is left is a small part of the step's own error in the rates, or below the rounding of positions (Brown,
-  !> Hindmarsh & Petzold 1994, on the convergence test of DASPK). The step's own error is that of `alpha_error`: what the change of
-  !> the accelerations' change moves.
+  !> Hindmarsh & Petzold 1994, on the convergence test of DASPK). The step's own error is that of its rates (Geradin & Cardona,
+  !> Flexible Multibody Dynamics): what the change of the accelerations' change moves.
   logical function foreseen(self, norm, whole, exact, pivot, reach) result(yes)
     type(alpha_solver), intent(inout) :: self
     real(wp), intent(in) :: norm              !! first correction, of the groups' sizes [-]
@@ -278,15 +278,15 @@ contains
     associate (n => self%newton, s => self%measure)
       n%steps = n%steps + 1
       if (n%steps > trust .or. n%exact .neqv. exact) return
-      if (pivot < weak .or. .not. (self%error%h > 0.0_wp .and. n%first > 0.0_wp)) return
+      if (pivot < weak .or. .not. (n%h > 0.0_wp .and. n%first > 0.0_wp)) return
       rate = n%contraction*max(1.0_wp, norm/n%first)
       yes = rate*whole <= unseen*reach
       if (yes .or. rate > 0.1_wp*small) return
-      ratio = self%now%h/self%error%h
+      ratio = self%now%h/n%h
       change = 0.0_wp
       change_whole = 0.0_wp
       do i = 1, self%nq
-        d = abs(self%vd1(i) - self%vd(i) - ratio*self%error%before_own(i))/self%now%c1
+        d = abs(self%vd1(i) - self%vd(i) - ratio*n%change(i))/self%now%c1
         change = max(change, d*s%unit(i))
         change_whole = max(change_whole, d*s%whole(i))
       end do
@@ -336,9 +336,9 @@ contains
       self%energy%removed = self%energy%removed + removed_energy(self, system)
       self%energy%sums = self%energy%sums + 0.5_wp*s%h*(self%energy%powers + self%energy%next)
       self%energy%powers = self%energy%next
-      self%error%h = s%h
+      self%newton%h = s%h
+      self%newton%change = self%vd1(1:nq) - self%vd(1:nq)
       do i = 1, size(self%x)
-        self%error%before_own(i) = self%vd1(i) - self%vd(i)
         self%lag(i) = s%aa*self%lag(i) - (1 - s%ad1)/s%h*(self%vd1(i) - self%vd(i))
         self%x(i) = self%x1(i)
         self%v(i) = self%v1(i)

@@ -28,8 +28,7 @@ contains
       call system%accelerations(t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), self%v(nq + 1:), .false., self%vd, &
                                 self%lambda, self%energy%powers)
     end associate
-    self%error%now = self%vd
-    self%error%h = 0.0_wp
+    self%newton%h = 0.0_wp
     self%newton%exact_left = 0
     self%newton%contraction = 1.0_wp
     call set_step(self, system, h, 0.0_wp)

@@ -19,15 +19,9 @@ module alpha_state
     integer :: exact_left = 0                !! steps that still use the exact matrix
     integer(ip) :: iterations = 0            !! of all steps
     integer(ip) :: factors(2) = 0            !! of constant and of whole elastic blocks
-  end type newton_memory
-
-  !> What the error estimate remembers.
-  type, public :: error_memory
     real(wp) :: h = 0.0_wp                   !! size of the last step, 0: none [s]
-    real(wp), allocatable :: now(:), next(:) !! (nq + nz) accelerations of the equations at both ends of the step [m/s2, rad/s2]
-    real(wp), allocatable :: before(:)       !! (nq + nz) their change in the step before [m/s2, rad/s2]
-    real(wp), allocatable :: before_own(:)   !! (nq + nz) the same of the method's own accelerations [m/s2, rad/s2]
-  end type error_memory
+    real(wp), allocatable :: change(:)       !! (nq) of the accelerations in it [m/s2, rad/s2]
+  end type newton_memory
 
   !> Energies.
   type, public :: energy_sums
@@ -59,7 +53,6 @@ module alpha_state
     logical :: stale = .false.               !! restored: factors are to be made again
     type(position_measure) :: measure
     type(newton_memory) :: newton
-    type(error_memory) :: error
   end type alpha_solver
 
 contains
@@ -81,7 +74,7 @@ contains
     allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:3), &
               self%gain(self%nz), self%resolved(self%nz), self%offset(self%nq), self%offset1(self%nq), &
               self%along(self%nq, 3), self%mu(system%rows, 3), source=0.0_wp)
-    allocate (self%error%now(n), self%error%next(n), self%error%before(n), self%error%before_own(n), source=0.0_wp)
+    allocate (self%newton%change(self%nq), source=0.0_wp)
     self%measure = system%measure
   end subroutine set_up_alpha
 
@@ -117,8 +110,8 @@ contains
     call a%exchange(self%offset)
     call a%exchange(self%lambda, self%energy%sums, self%energy%powers)
     call a%exchange(self%energy%removed)
-    call a%exchange(self%error%h)
-    call a%exchange(self%error%now, self%error%before, self%error%before_own)
+    call a%exchange(self%newton%h)
+    call a%exchange(self%newton%change)
     call a%exchange(self%newton%contraction)
     call a%exchange(self%newton%first)
     call a%exchange(self%newton%exact)

@@ -20,8 +20,6 @@ module generalized_alpha
     real(wp) :: beta = 0.25_wp          !! [-]
     real(wp) :: lag = 0.0_wp            !! a follows v'(t + lag h) [-]
     real(wp) :: offset = 0.0_wp         !! v of an index-3 solution is off the manifold by offset h2 q''' [-]
-    real(wp) :: local = 0.0_wp          !! local error of a step: local h3 q''' [-]
-    real(wp) :: local_rate = 0.0_wp     !! local error of the rates: local_rate h3 v''' [-]
   end type alpha_method
 
   !> What one step size makes of it.
@@ -44,7 +42,6 @@ contains
   pure function chung_hulbert(rho) result(m)
     real(wp), intent(in) :: rho         !! 0 to below 1 [-]
     type(alpha_method) :: m
-    real(wp) :: curve                   ! a = v'(t + lag h) + curve h2 v'''
     m%rho = rho
     m%alpha_m = (2*rho - 1)/(rho + 1)
     m%alpha_f = rho/(rho + 1)
@@ -52,9 +49,6 @@ contains
     m%beta = 0.25_wp*(m%gamma + 0.5_wp)**2
     m%lag = m%alpha_m - m%alpha_f
     m%offset = m%beta + m%lag/2 - 1.0_wp/6.0_wp   ! q1 - (q + h v + ...) of exact values; Arnold, Bruels & Cardona (2015)
-    m%local = abs(m%offset)
-    curve = 0.5_wp*((1 - m%alpha_f) - (1 - m%alpha_m)*(1 + 2*m%lag) - m%lag**2)
-    m%local_rate = abs(0.5_wp*m%lag**2 - 1.0_wp/12.0_wp - curve)
   end function chung_hulbert
 
   !> The coefficients of a step size.

@@ -1,52 +1,31 @@
-!> The march of an implicit method: fixed steps, of which one that fails is divided and tried again, or steps by the estimated error
-!> with continuous output; starting again where loads or drives jump and after events; when a run is lost. A method says how a
-!> step is solved, taken and measured, and which step follows from an error.
+!> The march of an implicit method: fixed steps, of which one that fails is divided and tried again; starting again where loads or
+!> drives jump and after events; when a run is lost. A method says how a step is solved and taken.
 module implicit_march
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use event_location, only: begin_roots, find_event, look_again, next_fall, pass_event
+  use event_location, only: begin_roots
   use fixed_march, only: fixed_attempt
   use ode_system, only: ode, is_bounded
   use second_order_system, only: second_order_ode
   use summary_text, only: summary_record
   use text, only: to_text
-  use time_stepper, only: stepper, step_end, exchange_common, trouble_size, trouble_manifold, trouble_iteration, trouble_shape, &
-                          loss_of_accuracy
+  use time_stepper, only: stepper, exchange_common, trouble_size, trouble_manifold, trouble_iteration, trouble_shape
   implicit none (type, external)
   private
-  public :: exchange_march
+  public :: exchange_march, fixed_step, give_up
 
   integer, parameter :: most_halvings = 30         !! of a fixed step that fails
   integer, parameter :: hopeless_halvings = 16     !! a fixed step divided so often is hopeless: a run of them would never end
-  real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! so is a controlled one, so many of which are left to the end of the run
-  integer, parameter :: most_hopeless = 20000      !! hopeless steps in a row after which the run is given up
-  real(wp), parameter :: failure_error = 8.0_wp   !! taken as the error of a step whose Newton iteration failed [-]
-  real(wp), parameter :: safety = 0.85_wp          !! on the step that the error model predicts [-]
-  real(wp), parameter :: prompt_growth = 2.0_wp   !! a step that may grow by more grows at once [-]
-  real(wp), parameter :: most_growth = 5.0_wp      !! of a step [-]
-  real(wp), parameter :: least_growth = 1.2_wp    !! a step that may grow by less stays: new matrices would cost more [-]
-
-  !> Errors since the step last changed.
-  type, public :: step_memory
-    real(wp) :: worst = 0.0_wp                !! over the tolerance [-]
-    integer :: steps = 0
-  end type step_memory
+  integer, parameter, public :: most_hopeless = 20000      !! hopeless steps in a row after which the run is given up
 
   !> A march with its state.
   type, abstract, extends(stepper), public :: implicit_stepper
     logical :: started = .false.              !! the method's own variables stand
     integer(ip) :: failures = 0               !! steps that Newton's method could not solve
     integer :: hopeless = 0                   !! steps in a row from which the run would never end
-    real(wp) :: h = 0.0_wp                    !! adaptive: next step [s], 0: to be chosen
-    integer :: order = 0                      !! adaptive: the estimated error is of this order in the step
-    integer :: patience = 0                   !! adaptive: steps whose errors are seen before a step grows
-    type(step_memory) :: memory               !! adaptive
-    logical :: passes = .false.               !! adaptive: the step that is tried reaches an output time
-    real(wp), allocatable :: dense(:, :)      !! (n, 4) what the method interpolates in the last such step [unit of each unknown]
-    real(wp) :: dense_times(2) = 0.0_wp       !! where that step began, its size [s]
   contains
     procedure :: begin
-    procedure :: attempt
+    procedure :: attempt => fixed_step
     procedure :: try_step
     procedure :: accept_step
     procedure :: restart
@@ -55,13 +34,11 @@ module implicit_march
     procedure :: pack_trial
     procedure :: end_step
     procedure :: account_failures
+    procedure :: interpolate => no_interpolation
     procedure(take_system), deferred :: set_up
-    procedure(take_system), deferred :: limit_first_step   !! makes self%h as small as accelerations of a start or jump ask for
     procedure(solve_step), deferred :: solve_step
-    procedure(estimate_step), deferred :: measure_step
     procedure(take_step), deferred :: take_step
     procedure(pack_state), deferred :: pack_state
-    procedure(interpolate_step), deferred :: interpolate
   end type implicit_stepper
 
   abstract interface
@@ -79,14 +56,6 @@ module implicit_march
       real(wp), intent(in) :: h               !! [s]
       logical, intent(out) :: ok
     end subroutine solve_step
-    !> The estimated error of the step that was tried, over what is allowed.
-    subroutine estimate_step(self, system, h, error)
-      import :: implicit_stepper, second_order_ode, wp
-      class(implicit_stepper), intent(inout) :: self
-      class(second_order_ode), intent(inout) :: system
-      real(wp), intent(in) :: h               !! [s]
-      real(wp), intent(out) :: error          !! 1: just allowed [-]
-    end subroutine estimate_step
     !> What was solved becomes the state; calls `end_step`.
     subroutine take_step(self, system, h)
       import :: implicit_stepper, second_order_ode, wp
@@ -101,13 +70,6 @@ module implicit_march
       logical, intent(in) :: tried
       real(wp), intent(inout) :: y(:)         !! (n) [unit of each unknown]
     end subroutine pack_state
-    !> The state at a time within the last step.
-    subroutine interpolate_step(self, time, y)
-      import :: implicit_stepper, wp
-      class(implicit_stepper), intent(in) :: self
-      real(wp), intent(in) :: time            !! [s]
-      real(wp), intent(inout) :: y(:)         !! (n) state at the step's end, then there [unit of each unknown]
-    end subroutine interpolate_step
   end interface
 
 contains
@@ -121,7 +83,6 @@ contains
     self%t = t
     self%y = y
     self%trial = y
-    allocate (self%dense(size(y), 4), source=0.0_wp)
     call self%norm%watch(y)
     self%cause = trouble_iteration
     call begin_roots(self, system)
@@ -134,20 +95,13 @@ contains
   end subroutine begin
 
   !> Tries the next step and accepts it, or passes an event.
-  subroutine attempt(self, system, from, to)
+  subroutine fixed_step(self, system, from, to)
     class(implicit_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
-    if (self%settings%adaptive) then
-      select type (system)
-      class is (second_order_ode)
-        call controlled_step(self, system, from, to)
-      end select
-    else
-      self%hopeless = merge(self%hopeless + 1, 0, self%grid%level >= hopeless_halvings)
-      call fixed_attempt(self, system, from, to)
-    end if
-  end subroutine attempt
+    self%hopeless = merge(self%hopeless + 1, 0, self%grid%level >= hopeless_halvings)
+    call fixed_attempt(self, system, from, to)
+  end subroutine fixed_step
 
   !> Solves a step.
   subroutine try_step(self, system, h, ok)
@@ -194,7 +148,6 @@ contains
       call start_again(self, system, ok)
     end select
     if (ok) call system%resolve_events(self%t, self%y, self%roots%fallen, ok)
-    self%h = 0.0_wp
   end subroutine restart
 
   !> The method starts anew from the projected state.
@@ -212,98 +165,6 @@ contains
     class(implicit_stepper), intent(inout) :: self
     call self%pack_state(.true., self%trial)
   end subroutine pack_trial
-
-  !> Tries one step of the size that the last error asks for; one that is cut short by a stop does not shorten the next.
-  subroutine controlled_step(self, system, from, to)
-    class(implicit_stepper), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: from, to          !! [s]
-    real(wp) :: h, error, next, end
-    integer :: trouble
-    logical :: at_stop, at_event, ok
-    if (self%roots%pending) then
-      call pass_event(self, system)
-      return
-    end if
-    associate (s => self%settings)
-      end = s%stops(size(s%stops))
-      if (.not. self%h > 0.0_wp) then
-        self%h = min(to - from, s%max_step, end - self%t, system%longest_step)
-        if (s%first_step > 0.0_wp .and. self%steps == 0) then
-          self%h = min(s%first_step, self%h)
-        else
-          call self%limit_first_step(system)
-        end if
-      end if
-      call step_end(self%t, min(self%h, s%max_step, system%resting_step), s%stops, self%next_stop, h, self%tried, at_stop)
-    end associate
-    self%passes = self%tried >= to
-    self%hopeless = merge(self%hopeless + 1, 0, end - self%t > hopeless_steps*h .and. .not. at_stop)
-    call self%try_step(system, h, ok)
-    error = huge(1.0_wp)
-    if (ok) call self%measure_step(system, h, error)
-    at_event = .false.
-    if (error <= 1.0_wp .and. system%roots > 0) then
-      call find_event(self, system, h, at_event, ok)
-      if (.not. ok) error = huge(1.0_wp)
-    end if
-    if (error > 1.0_wp) then
-      self%rejected = self%rejected + 1
-      if (.not. ok) self%failures = self%failures + 1
-      self%h = next_step(self, h, error)
-      if (ok .and. system%roots > 0) self%h = min(self%h, next_fall(self, system, h))
-      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*end) .and. self%hopeless < most_hopeless) return
-      trouble = trouble_iteration
-      if (ok) call try_larger(self, system, h, error, trouble)
-      call give_up(self, trouble)
-      return
-    end if
-    if (h > 0.0_wp) call self%accept_step(system, h)
-    if (at_event) return
-    if (at_stop) call look_again(self, system)
-    next = next_step(self, h, error)
-    self%h = merge(max(self%h, next), next, at_stop)
-    if (.not. self%started) self%h = 0.0_wp
-  end subroutine controlled_step
-
-  !> Why the last step, of size h, errs too much, from the error of a larger one.
-  subroutine try_larger(self, system, h, error, trouble)
-    class(implicit_stepper), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(in) :: error             !! [-]
-    integer, intent(out) :: trouble
-    real(wp) :: larger                        ! [-]
-    logical :: ok
-    call self%try_step(system, 8*h, ok)
-    larger = huge(1.0_wp)
-    if (ok) call self%measure_step(system, 8*h, larger)
-    trouble = loss_of_accuracy(self%settings%tolerance, error, larger)
-  end subroutine try_larger
-
-  !> Step that estimated errors ask for after one of size h. A new step means new matrices, and errors of a vibration come and go
-  !> with its phase: a step grows where the worst error of several steps allows it, or at once where it may grow by much.
-  function next_step(self, h, error) result(next)
-    class(implicit_stepper), intent(inout) :: self
-    real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(in) :: error             !! its estimated error over what is allowed, huge: Newton's method failed [-]
-    real(wp) :: next                          !! [s]
-    real(wp) :: factor                        ! [-]
-    associate (m => self%memory)
-      m%worst = max(m%worst, merge(error, failure_error, error < huge(1.0_wp)))
-      m%steps = m%steps + 1
-      factor = safety*max(m%worst, 1.0e-6_wp)**(-1.0_wp/self%order)
-      next = h
-      if (error > 1.0_wp) then
-        next = h*max(0.2_wp, min(0.8_wp, factor))
-      else if (factor > prompt_growth .or. (m%steps >= self%patience .and. factor > least_growth)) then
-        next = h*min(factor, most_growth)
-      else if (m%steps < self%patience) then
-        return
-      end if
-      m = step_memory()
-    end associate
-  end function next_step
 
   !> The end of an accepted step: the run is lost where the state is no longer one of a mechanism; where accelerations jump the
   !> method starts anew from the projected state.
@@ -355,6 +216,13 @@ contains
     if (.not. ok) call self%keep_lost_state(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
   end subroutine row
 
+  !> The state y at a time within the last step, from that at its end; fixed steps end at the times of rows.
+  subroutine no_interpolation(self, time, y)
+    class(implicit_stepper), intent(in) :: self
+    real(wp), intent(in) :: time              !! [s]
+    real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
+  end subroutine no_interpolation
+
   !> Steps that had to be divided, and the end of the line about the method's work.
   subroutine account_failures(self, text)
     class(implicit_stepper), intent(in) :: self
@@ -373,11 +241,6 @@ contains
     call a%exchange(self%started)
     call a%exchange(self%failures)
     call a%exchange(self%hopeless)
-    call a%exchange(self%h)
-    call a%exchange(self%memory%worst)
-    call a%exchange(self%memory%steps)
     call a%exchange(self%norm%largest)
-    call a%exchange(self%dense)
-    call a%exchange(self%dense_times)
   end subroutine exchange_march
 end module implicit_march

@@ -3,25 +3,45 @@
 module radau_stepper
   use kinds, only: wp
   use archive, only: value_archive
-  use implicit_march, only: implicit_stepper, exchange_march
-  use ode_system, only: is_bounded
+  use event_location, only: find_event, look_again, next_fall, pass_event
+  use implicit_march, only: implicit_stepper, exchange_march, fixed_step, give_up, most_hopeless
+  use ode_system, only: is_bounded, ode
   use radau_error, only: measure_error, removed_energy
   use radau_method, only: radau_iia, lagrange_weights
   use radau_stages, only: radau_stage_values, set_up_stages, start_stages, solve_stages, exchange_stages
   use second_order_system, only: second_order_ode
   use summary_text, only: summary_record
-  use time_stepper, only: trouble_size
+  use time_stepper, only: step_end, trouble_size, trouble_iteration, loss_of_accuracy
   implicit none (type, external)
   private
+
+  integer, parameter :: error_order = 4            !! of the estimated error in the step
+  integer, parameter :: patience = 4               !! steps whose errors are seen before a step grows
+  real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! a step is hopeless, so many of which are left to the end of the run
+  real(wp), parameter :: failure_error = 8.0_wp    !! taken as the error of a step whose Newton iteration failed [-]
+  real(wp), parameter :: safety = 0.85_wp          !! on the step that the error model predicts [-]
+  real(wp), parameter :: prompt_growth = 2.0_wp    !! a step that may grow by more grows at once [-]
+  real(wp), parameter :: most_growth = 5.0_wp      !! of a step [-]
+  real(wp), parameter :: least_growth = 1.2_wp     !! a step that may grow by less stays: new matrices would cost more [-]
+
+  !> Errors since the step last changed.
+  type :: step_memory
+    real(wp) :: worst = 0.0_wp                !! over the tolerance [-]
+    integer :: steps = 0
+  end type step_memory
 
   !> The method.
   type, extends(implicit_stepper), public :: radau_march
     type(radau_stage_values) :: stages
+    real(wp) :: h = 0.0_wp                    !! by tolerance: next step [s]
+    type(step_memory) :: memory               !! by tolerance
+    real(wp), allocatable :: dense(:, :)      !! (n, 4) start and stages of the last step [unit of each unknown]
+    real(wp) :: dense_times(2) = 0.0_wp       !! where that step began, its size [s]
     real(wp), allocatable :: end_a(:, :)      !! (nq, 2) accelerations at the last step's ends [m/s2, rad/s2]
     real(wp), allocatable :: powers(:, :)     !! (quadratures, 3) work: those of the stages [W]
   contains
     procedure :: set_up
-    procedure :: limit_first_step
+    procedure :: attempt
     procedure :: solve_step
     procedure :: measure_step
     procedure :: take_step
@@ -39,12 +59,117 @@ contains
   subroutine set_up(self, system)
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
-    self%order = 4
-    self%patience = 4
     call system%start_implicit(.true.)
     call set_up_stages(self%stages, system, radau_iia())
-    allocate (self%end_a(system%nq, 2), self%powers(system%quadratures, 3), source=0.0_wp)
+    allocate (self%end_a(system%nq, 2), self%powers(system%quadratures, 3), self%dense(size(self%y), 4), source=0.0_wp)
   end subroutine set_up
+
+  !> Tries the next step and accepts it, or passes an event.
+  subroutine attempt(self, system, from, to)
+    class(radau_march), intent(inout) :: self
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: from, to          !! [s]
+    if (self%settings%adaptive) then
+      select type (system)
+      class is (second_order_ode)
+        call controlled_step(self, system, from, to)
+      end select
+    else
+      call fixed_step(self, system, from, to)
+    end if
+  end subroutine attempt
+
+  !> Tries one step of the size that the last error asks for; one that is cut short by a stop does not shorten the next.
+  subroutine controlled_step(self, system, from, to)
+    class(radau_march), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: from, to          !! [s]
+    real(wp) :: h, error, next, end
+    integer :: trouble
+    logical :: at_stop, at_event, ok
+    if (self%roots%pending) then
+      call pass_event(self, system)
+      return
+    end if
+    associate (s => self%settings)
+      end = s%stops(size(s%stops))
+      if (.not. self%started) then
+        self%h = min(to - from, s%max_step, end - self%t, system%longest_step)
+        if (s%first_step > 0.0_wp .and. self%steps == 0) then
+          self%h = min(s%first_step, self%h)
+        else
+          call limit_first_step(self, system)
+        end if
+      end if
+      call step_end(self%t, min(self%h, s%max_step, system%resting_step), s%stops, self%next_stop, h, self%tried, at_stop)
+    end associate
+    self%hopeless = merge(self%hopeless + 1, 0, end - self%t > hopeless_steps*h .and. .not. at_stop)
+    call self%try_step(system, h, ok)
+    error = huge(1.0_wp)
+    if (ok) call self%measure_step(system, error)
+    at_event = .false.
+    if (error <= 1.0_wp .and. system%roots > 0) then
+      call find_event(self, system, h, at_event, ok)
+      if (.not. ok) error = huge(1.0_wp)
+    end if
+    if (error > 1.0_wp) then
+      self%rejected = self%rejected + 1
+      if (.not. ok) self%failures = self%failures + 1
+      self%h = next_step(self, h, error)
+      if (ok .and. system%roots > 0) self%h = min(self%h, next_fall(self, system, h))
+      if (self%h > max(16*spacing(self%t), 1.0e-15_wp*end) .and. self%hopeless < most_hopeless) return
+      trouble = trouble_iteration
+      if (ok) call try_larger(self, system, h, error, trouble)
+      call give_up(self, trouble)
+      return
+    end if
+    if (h > 0.0_wp) call self%accept_step(system, h)
+    if (at_event) return
+    if (at_stop) call look_again(self, system)
+    next = next_step(self, h, error)
+    self%h = merge(max(self%h, next), next, at_stop)
+  end subroutine controlled_step
+
+
+  !> Why the last step, of size h, errs too much, from the error of a larger one.
+  subroutine try_larger(self, system, h, error, trouble)
+    class(radau_march), intent(inout) :: self
+    class(second_order_ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: error             !! [-]
+    integer, intent(out) :: trouble
+    real(wp) :: larger                        ! [-]
+    logical :: ok
+    call self%try_step(system, 8*h, ok)
+    larger = huge(1.0_wp)
+    if (ok) call self%measure_step(system, larger)
+    trouble = loss_of_accuracy(self%settings%tolerance, error, larger)
+  end subroutine try_larger
+
+
+  !> Step that estimated errors ask for after one of size h. A new step means new matrices, and errors of a vibration come and go
+  !> with its phase: a step grows where the worst error of several steps allows it, or at once where it may grow by much.
+  function next_step(self, h, error) result(next)
+    class(radau_march), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: error             !! its estimated error over what is allowed, huge: Newton's method failed [-]
+    real(wp) :: next                          !! [s]
+    real(wp) :: factor                        ! [-]
+    associate (m => self%memory)
+      m%worst = max(m%worst, merge(error, failure_error, error < huge(1.0_wp)))
+      m%steps = m%steps + 1
+      factor = safety*max(m%worst, 1.0e-6_wp)**(-1.0_wp/error_order)
+      next = h
+      if (error > 1.0_wp) then
+        next = h*max(0.2_wp, min(0.8_wp, factor))
+      else if (factor > prompt_growth .or. (m%steps >= patience .and. factor > least_growth)) then
+        next = h*min(factor, most_growth)
+      else if (m%steps < patience) then
+        return
+      end if
+      m = step_memory()
+    end associate
+  end function next_step
 
   !> First step, or the first one after a jump: rates and accelerations change values and rates by a part of their scales whose
   !> fourth power is the tolerance. The change grows with the step at least as its first power, at most as its second, since rates
@@ -93,10 +218,9 @@ contains
   end subroutine solve_step
 
   !> The estimated error.
-  subroutine measure_step(self, system, h, error)
+  subroutine measure_step(self, system, error)
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(out) :: error            !! [-]
     call pack_stage(self, 3, self%trial)
     call measure_error(self%stages, system, self%norm, self%trial, self%settings%tolerance, &
@@ -244,6 +368,11 @@ contains
     class(radau_march), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call exchange_march(self, a)
+    call a%exchange(self%h)
+    call a%exchange(self%memory%worst)
+    call a%exchange(self%memory%steps)
+    call a%exchange(self%dense)
+    call a%exchange(self%dense_times)
     call a%exchange(self%end_a)
     call exchange_stages(self%stages, a)
   end subroutine exchange

@@ -49,7 +49,6 @@ module second_order_system
     procedure(smooth_start), deferred :: smooth
     procedure(find_gaps), deferred :: gaps
     procedure(close_gaps), deferred :: along_rows
-    procedure(filter_pair), deferred :: resolve
   end type second_order_ode
 
   abstract interface
@@ -225,11 +224,5 @@ module second_order_system
       real(wp), intent(out), contiguous :: dq(:, :)        !! (nq, columns) [m, rad] and theirs
       real(wp), intent(out), contiguous :: dlambda(:, :)   !! (rows, columns) [N] and theirs
     end subroutine close_gaps
-    !> Takes out of two vectors what vibrates much faster than the step resolves.
-    subroutine filter_pair(self, x, y)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(inout) :: self
-      real(wp), intent(inout), contiguous :: x(:), y(:)   !! (nq) [any]
-    end subroutine filter_pair
   end interface
 end module second_order_system

@@ -12,7 +12,7 @@ module newton_results
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: term_deformations, relaxation_rates, find_powers, mass_product, resolved_part, scene_reach
+  public :: term_deformations, relaxation_rates, find_powers, mass_product, scene_reach
 
 contains
 
@@ -213,26 +213,6 @@ contains
       total = total + dot_product(x(4:, j), eq%column(1:))
     end do
   end function body_product
-
-  !> Keeps of two vectors of coordinates the part that the step resolves: of elastic ones T0^-1 c1 m_ff x.
-  subroutine resolved_part(self, m, x, y)
-    type(newton_matrix), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(inout), contiguous :: x(:), y(:)         !! (nq) [any]
-    integer :: b, i, n
-    do b = 1, size(self%eq)
-      i = m%s%qo(b) + 3
-      associate (eq => self%eq(b), op => m%s%bodies(b)%op)
-        n = eq%n
-        if (n == 0) cycle
-        call elastic_mass(op, x(i + 1:i + n), eq%elastic(1:))
-        call elastic_mass(op, y(i + 1:i + n), eq%column(1:))
-        call self%t%b(b)%block%solve_two(.false., eq%elastic(1:n), eq%column(1:n))
-        x(i + 1:i + n) = self%t%c1*eq%elastic(1:n)
-        y(i + 1:i + n) = self%t%c1*eq%column(1:n)
-      end associate
-    end do
-  end subroutine resolved_part
 
   !> The size of rounding errors, in units of eps times the scene's size: 1, or how far markers are from the origin in sizes of the
   !> scene, or the largest angle of a frame.
