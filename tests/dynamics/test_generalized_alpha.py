@@ -386,10 +386,9 @@ def stopped(command, folder):
     return True if status else None
 
 
-@pytest.mark.parametrize("steps", ["step=2e-6", "tolerance=1e-6"])
-def test_an_interrupted_run_continues_bit_for_bit(steps, biela, tmp_path):
+def test_an_interrupted_run_continues_bit_for_bit(biela, tmp_path):
     deck = (REFERENCE / "four_bar" / "deck.nml").read_text(encoding="utf-8").split("&transient")[0]
-    deck += march(f"t_end={0.15 if steps.startswith('step') else 0.04} {steps} output_step=4e-4")
+    deck += march("t_end=0.15 step=2e-6 output_step=4e-4")
     texts = []
     for interrupted in (False, True):
         folder = tmp_path / str(interrupted)
@@ -419,27 +418,11 @@ def test_singular_positions_with_a_dependent_row_are_passed_with_order_two(run_d
     assert np.log2(errors[0] / errors[1]) > 1.9
 
 
-@pytest.mark.parametrize("radius", [0.0, 0.9])
-def test_controlled_steps_pass_singular_positions(radius, run_deck):
-    """The same with a tolerance: the error falls with it, and steps do not crawl at the change points."""
-    errors = []
-    for tolerance in (1e-4, 1e-6, 1e-8):
-        text = row_of_four_bars(2) + march(f"t_end=10.0 tolerance={tolerance} spectral_radius={radius} output_step=0.01")
-        run = run_deck(text, name=f"t{tolerance}")
-        errors.append(abs(run.history["b.x"][-1] - 0.3284581115347))
-        assert run.energy["position_violation"].max() < 1e-12
-        assert run.transient["rejected"] < 200
-    assert errors[2] < 5e-5
-    assert errors[1] < errors[0] / 5
-    assert errors[2] < errors[1] / 5
-
-
-@pytest.mark.parametrize("tolerance", [1e-5, 1e-7])
 @pytest.mark.parametrize("bars", [1, 4, 6])
-def test_many_rows_may_become_dependent_at_once(bars, tolerance, run_deck):
+def test_many_rows_may_become_dependent_at_once(bars, run_deck):
     """Six four-bars in line at other speeds: the energy is kept through the change points."""
-    run = run_deck(row_of_four_bars(bars, 1.37) + march(f"t_end=3.0 tolerance={tolerance} output_step=0.01"))
-    assert np.abs(run.energy["residual"]).max() < max(tolerance ** (2 / 3), 5e-5) * run.energy["kinetic"].max()
+    run = run_deck(row_of_four_bars(bars, 1.37) + march("t_end=3.0 step=1e-3 output_step=0.01"))
+    assert np.abs(run.energy["residual"]).max() < 5e-5 * run.energy["kinetic"].max()
 
 
 def test_a_body_at_rest_stays_there(run_deck):

@@ -28,20 +28,19 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("adaptive_pair", "adaptive_stepper", "adaptive_pair", "self"): {
         *("method", "error", "last", "moved", "slope", "passes"),
     },
-    ("implicit_march", "implicit_stepper", "implicit_march", "self"): {"order", "patience", "passes"},
+    ("implicit_march", "implicit_stepper", "implicit_march", "self"): set(),
     ("step_control", "error_norm", "implicit_march", "self%norm"): {
         *("group", "floor", "rate", "slope", "fastest", "bound", "scale", "steepest", "noise"),
     },
     ("position_measures", "position_measure", "position_measures", "self"): {"group", "grows", "weight", "whole"},
-    ("implicit_march", "step_memory", "implicit_march", "self%memory"): set(),
-    ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius", "error"},
+    ("radau_stepper", "step_memory", "radau_stepper", "self%memory"): set(),
+    ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius"},
     ("alpha_state", "alpha_solver", "alpha_state", "self"): {
         *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "stale", "h_tried"),
         *("gaps", "gain", "resolved", "along", "mu", "offset1"),
     },
     ("alpha_state", "energy_sums", "alpha_state", "self%energy"): {"pairs", "next"},
     ("alpha_state", "newton_memory", "alpha_state", "self%newton"): set(),
-    ("alpha_state", "error_memory", "alpha_state", "self%error"): {"next"},
     ("radau_stepper", "radau_march", "radau_stepper", "self"): {"powers"},
     ("radau_stages", "radau_stage_values", "radau_stages", "self"): {
         *("method", "nq", "nz", "nzd", "rows", "t", "h", "q", "v", "a", "u", "lambda", "work"),
