@@ -110,8 +110,9 @@ contains
           '(adaptive steps)')
       else if (.not. (t%adaptive .or. deck%is_given('step'))) then
         if (deck%is_choice('rk4 generalized_alpha')) then
-          if (.not. deck%is_given('tolerance')) &
+          if (.not. deck%is_given('tolerance')) then
             call deck%note_missing('step', 'step > 0 or accuracy > 0', kinds='rk4 generalized_alpha')
+          end if
         else if (deck%choice_known) then
           call deck%note_missing('step', 'step > 0 (fixed steps), tolerance > 0 (adaptive steps) or accuracy > 0')
         end if

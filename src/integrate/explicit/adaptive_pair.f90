@@ -148,7 +148,7 @@ contains
     self%passes = self%tried >= to
     err = -1.0_wp                             ! the step is lost
     call self%try_step(system, h, ok)
-    if (ok) call measure_error(self, system, h, epsilon(1.0_wp)*self%trial, err)
+    if (ok) call measure_error(self, system, h, err)
     if (err > 1.0_wp .and. self%control%after_rejection .and. system%has_manifold) call allow_for_rounding(self, system, h, err)
     at_event = .false.
     if (err >= 0.0_wp .and. err <= 1.0_wp .and. system%roots > 0) then
@@ -164,7 +164,7 @@ contains
       if (.not. err > 0.0_wp) return
       larger = huge(1.0_wp)
       call self%try_step(system, 8*h, ok)
-      if (ok) call measure_error(self, system, 8*h, epsilon(1.0_wp)*self%trial, larger)
+      if (ok) call measure_error(self, system, 8*h, larger)
       self%trouble = loss_of_accuracy(least_share*self%settings%tolerance, err, larger)
       return
     end if
@@ -247,21 +247,23 @@ contains
     self%stages%k(:, 1) = slope
     if (.not. ok) return
     call self%try_step(system, h, again)
-    if (again) call measure_error(self, system, h, max(abs(rounding), epsilon(1.0_wp)*abs(self%trial)), err)
+    if (again) call measure_error(self, system, h, err, rounding)
   end subroutine allow_for_rounding
 
   !> The error of a step over what is allowed.
-  subroutine measure_error(self, system, h, rounding, err)
+  subroutine measure_error(self, system, h, err, rounding)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(in) :: rounding(:)       !! (n) what of the error is rounding [unit]
     real(wp), intent(out) :: err              !! [-]
+    real(wp), intent(in), optional :: rounding(:)   !! (n) what of the error is rounding; else the last digits [unit]
     real(wp) :: length, allowed, s
     integer :: k
     length = self%settings%stops(size(self%settings%stops))
     allowed = self%settings%tolerance*min(1.0_wp, max(least_share, run_tolerances*h/length))
-    err = self%norm%measure(self%error, self%trial, h, allowed, rounding)
+    self%moved = epsilon(1.0_wp)*abs(self%trial)
+    if (present(rounding)) self%moved = max(abs(rounding), self%moved)
+    err = self%norm%measure(self%error, self%trial, h, allowed, self%moved)
     if (err > 1.0_wp .or. .not. err*allowed > least_error .or. .not. self%norm%fastest > 0.0_wp) return
     s = quotient_step/(err*allowed)
     do k = 1, size(self%y)

@@ -64,16 +64,21 @@ contains
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: c2               !! [1/s]
+    integer :: k
     if (self%nz == 0) return
     associate (e => self%work%e, o => 2*self%nq, nz => self%nz, nzd => self%nzd, n => self%inner)
       self%work%q = self%q0 + self%work%dq(:, 1)
       call system%deformations(self%t, self%work%q, self%v0, n%delta(:, 2))
-      e(o + 1:o + nz) = n%real_gain*((n%delta(:, 2) - n%z0) - n%driving)
+      do k = 1, nz
+        e(o + k) = n%real_gain(k)*((n%delta(k, 2) - n%z0(k)) - n%driving(k))
+      end do
       associate (first => nz - system%linear + 1)
         if (system%linear > 0) e(o + first:o + nz) = linear_part(system, c2, n%rate_gap(first:) &
                                                                  + (n%delta(first:, 2) - n%delta0(first:)))
       end associate
-      e(o + nz + 1:o + nz + nzd) = c2*e(o + 1:o + nzd) - n%rate_gap(1:nzd)
+      do k = 1, nzd
+        e(o + nz + k) = c2*e(o + k) - n%rate_gap(k)
+      end do
     end associate
   end subroutine internal_part
 

@@ -65,6 +65,7 @@ module radau_stages
     real(wp), allocatable :: dq(:, :), dv(:, :)          !! (nq, 3) corrections [m, rad], [m/s, rad/s]
     complex(wp), allocatable :: r_part(:), gap_part(:), dq_part(:), dlambda_part(:)   !! complex part [N, m/s, m, N, ...]
     real(wp), allocatable :: r_real(:), gap_real(:), dlambda(:)   !! real part [N, N m], [m/s], [N]
+    real(wp), allocatable :: mu(:, :)         !! (rows, 1) of what puts the end onto the constraints [N] and its derivatives
     real(wp), allocatable :: e(:), y(:)      !! (n) [unit of each unknown]
     real(wp), allocatable :: q(:), v(:), a(:), rate_gap(:)   !! (nq) of the error estimate [m, rad], rates, accelerations, rates
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) of the energy removed [any]
@@ -93,7 +94,7 @@ contains
       associate (w => self%work)
         allocate (w%r(nq, 3), w%gap(rows, 3), w%dq(nq, 3), w%dv(nq, 3), w%e(system%n), source=0.0_wp)
         allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows), w%r_real(nq), w%gap_real(rows), &
-                  w%dlambda(rows))
+                  w%dlambda(rows), w%mu(rows, 1))
         w%r_part = 0.0_wp
         w%y = w%e
         allocate (w%q(nq), w%v(nq), w%a(nq), w%rate_gap(nq), w%pairs(nq + nz, 4), source=0.0_wp)

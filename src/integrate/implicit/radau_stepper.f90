@@ -254,8 +254,8 @@ contains
     class(radau_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
-    integer :: i, n
-    n = size(self%y) - system%quadratures + 1
+    integer :: i, k, n
+    n = size(self%y) - system%quadratures
     associate (s => self%stages)
       do i = 1, 3
         call system%powers(s%t + s%method%c(i)*h, s%q(:, i), s%v(:, i), s%lambda(:, i), s%inner%z(:, i), s%inner%zd(:, i), &
@@ -265,7 +265,9 @@ contains
       self%dense_times = [self%t, h]
       do i = 1, 3
         call pack_stage(self, i, self%dense(:, i + 1))
-        self%dense(n:, i + 1) = self%y(n:) + h*matmul(self%powers, s%method%a(i, :))
+        do k = 1, system%quadratures
+          self%dense(n + k, i + 1) = self%y(n + k) + h*dot_product(self%powers(k, :), s%method%a(i, :))
+        end do
       end do
       self%removed = self%removed + removed_energy(s, system)
       self%end_a(:, 1) = s%a0
@@ -299,10 +301,9 @@ contains
     type(radau_stage_values), intent(inout) :: s
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
-    real(wp) :: mu(s%rows, 1)                 ! [N] and its derivatives
     integer :: k
     if (s%rows == 0) return
-    associate (gap => s%work%gap, dx => s%work%dq(:, 1:1))
+    associate (gap => s%work%gap, dx => s%work%dq(:, 1:1), mu => s%work%mu)
       do k = 1, 3
         call system%gaps(t, s%q0, s%v0, s%a0, s%a0, gap)
         call system%along_rows(s%q0, gap(:, k:k), dx, mu)
