@@ -17,6 +17,7 @@ module run_deck
   use linear_state, only: refuse_uneven
   use force_element, only: stage_transient
   use readable_text, only: readable
+  use results, only: remove_results, unfinished
   use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
   use tableaux, only: method_names
@@ -287,6 +288,7 @@ contains
     if (fail%status /= status_bad_input) call finish_summary(run, fail, [real(t1 - t0, wp)/real(rate, wp), p1 - p0], &
                                                             march%restarts, text, ok)
     if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
+    if (march%search%over) call remove_results(run%folder, unfinished)
     call close_lock(run%folder//'/.lock', lock)
     call hold_signals(.false.)
     status = fail%status

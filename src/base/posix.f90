@@ -98,16 +98,6 @@ module posix
       ! allow(C072): a buffer of any length is filled
       character(kind=c_char), intent(inout) :: name(*)
     end function c_mkstemp
-    !> umask(2): sets the permissions that new files do not get, and returns those before.
-    integer(c_int) function c_umask(mask) bind(c, name='umask')
-      import :: c_int
-      integer(c_int), value :: mask
-    end function c_umask
-    !> fchmod(2): sets the permissions of an open file.
-    integer(c_int) function c_fchmod(fd, mode) bind(c, name='fchmod')
-      import :: c_int
-      integer(c_int), value :: fd, mode
-    end function c_fchmod
     !> readlink(2): where a symbolic link leads; negative for anything else.
     integer(c_long) function c_readlink(path, target, room) bind(c, name='readlink')
       import :: c_char, c_size_t, c_long
@@ -286,23 +276,14 @@ contains
   !> The run-time library's own files do not report a full disk reliably: what it could not write is lost in silence.
   integer function create_file(path) result(handle)
     character(*), intent(in) :: path
-    character(:, c_char), allocatable :: name
-    integer(c_int) :: status, mask
-    if (.not. is_free(path)) then
-      handle = extend_file(path)
-      if (handle < 0) return
-      status = c_close(handle)
-    end if
-    name = path//'.XXXXXX'//c_null_char
-    handle = c_mkstemp(name)
-    if (handle < 0) return
-    mask = c_umask(0_c_int)
-    status = c_umask(mask)
-    status = c_fchmod(handle, iand(int(o'666', c_int), not(mask)))   ! a disk without permissions refuses it
-    if (c_rename(name, path//c_null_char) == 0) return
-    status = c_unlink(name)
-    status = c_close(handle)
+    integer :: unit, status
     handle = -1
+    call remove_scratch(path)
+    open (newunit=unit, file=path, status='new', action='write', iostat=status)   ! exclusive, not through a link
+    if (status /= 0) return
+    ! allow(C181)
+    close (unit, iostat=status)
+    handle = extend_file(path)
   end function create_file
 
   !> Opens a temporary file without a name, which the system removes when it is closed; negative where that fails.

@@ -4,7 +4,7 @@ module results
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use posix, only: remove_file, replace_file
+  use posix, only: file_size, remove_file, replace_file
   use mechanism, only: mechanism_model
   use sensors, only: sensor_list
   use switching, only: event_list, element_name, state_word
@@ -16,12 +16,12 @@ module results
 
   integer, parameter :: history = 1, energies = 2, motion = 3, events = 4
   character(*), parameter :: names(4) = [character(12) :: '/history.txt', '/energy.txt', '/motion.txt', '/events.txt']
-  character(*), parameter, public :: unfinished = '.new'     !! of a pass that may still be given up
+  character(*), parameter, public :: unfinished(2) = ['.new1', '.new2']   !! ends of the names of passes in turn, until they count
   integer(ip), parameter, public :: most_events = 100000   !! lines of events.txt
 
   !> Open result files and what their rows need.
   type :: result_set
-    character(4) :: suffix = ''               !! of the names while the run is not finished
+    character(5) :: suffix = ''               !! of the names while the run is not finished
     type(result_file), private :: files(4)
     integer, allocatable, private :: used(:)  !! files that are written: motion and events only where there may be any
     integer(ip) :: events = 0                 !! so far; the file has the first ones
@@ -90,18 +90,30 @@ contains
     type(mechanism_model), intent(in) :: m
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
+    logical :: named
     integer :: k
     allocate (self%values(list%columns))
     self%used = files_of(m, with_motion)
     do k = 1, size(self%used)                 ! all of them before any is cut
       associate (i => self%used(k))
-        if (.not. self%files(i)%covers(folder//trim(names(i))//trim(self%suffix))) self%incomplete = .true.
+        if (.not. self%files(i)%covers(present_path(i))) self%incomplete = .true.
       end associate
     end do
     if (self%incomplete) return
     do k = 1, size(self%used)
-      call self%files(self%used(k))%resume(folder//trim(names(self%used(k)))//trim(self%suffix))
+      associate (i => self%used(k), path => folder//trim(names(self%used(k)))//trim(self%suffix))
+        if (present_path(i) /= path) named = replace_file(present_path(i), path)
+        call self%files(i)%resume(path)
+      end associate
     end do
+  contains
+    !> Where a file is: a run that was killed at its end may have given it its own name already.
+    function present_path(i) result(path)
+      integer, intent(in) :: i
+      character(:), allocatable :: path
+      path = folder//trim(names(i))//trim(self%suffix)
+      if (file_size(path) < 0) path = folder//trim(names(i))
+    end function present_path
   end subroutine resume_results
 
   !> Writes a row of sensors, which `values` holds, and one of energies.
@@ -172,27 +184,32 @@ contains
     end do
   end subroutine close_results
 
-  !> Gives closed files their own names; ok is false where that cannot be.
-  subroutine publish(self, folder, ok)
+  !> Gives the closed files of a pass their own names, those that do not have them yet; ok is false where that cannot be.
+  subroutine publish(self, folder, suffix, ok)
     class(result_set), intent(in) :: self
     character(*), intent(in) :: folder
+    character(*), intent(in) :: suffix        !! of the pass
     logical, intent(out) :: ok
     integer :: k
     ok = .true.
     do k = 1, size(self%used)
       associate (path => folder//trim(names(self%used(k))))
-        if (ok) ok = replace_file(path//trim(self%suffix), path)
+        if (file_size(path//suffix) >= 0) then
+          if (ok) ok = replace_file(path//suffix, path)
+        end if
       end associate
     end do
   end subroutine publish
 
-  !> Removes what an earlier run has left in a folder, or only what a run left under a suffix.
-  subroutine remove_results(folder, suffix)
+  !> Removes what an earlier run has left in a folder under some suffixes.
+  subroutine remove_results(folder, suffixes)
     character(*), intent(in) :: folder
-    character(*), intent(in) :: suffix        !! empty: none
-    integer :: k
+    character(*), intent(in) :: suffixes(:)   !! empty: none
+    integer :: k, i
     do k = 1, size(names)
-      call remove_file(folder//trim(names(k))//suffix)
+      do i = 1, size(suffixes)
+        call remove_file(folder//trim(names(k))//trim(suffixes(i)))
+      end do
     end do
   end subroutine remove_results
 

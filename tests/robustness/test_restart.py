@@ -171,6 +171,23 @@ def test_signals_stop_cleanly(method, number, place):
     assert cut.files() == whole.files()
 
 
+def test_killed_while_files_of_a_pass_get_their_names(place):
+    """Some have their names already; of the pass that was to follow there may be beginnings."""
+    whole = place("whole", METHODS["passes"])
+    cut = place("cut", METHODS["passes"])
+    process = whole.start()
+    interrupted = cut.start()
+    wait_for(cut.results / "checkpoint", interrupted)
+    interrupted.send_signal(signal.SIGTERM)
+    interrupted.communicate(timeout=TIMEOUT)
+    (energy,) = cut.results.glob("energy.txt.new?")
+    energy.rename(energy.with_suffix(""))
+    (cut.results / {"1": "history.txt.new2", "2": "history.txt.new1"}[energy.name[-1]]).write_bytes(b"# beginning")
+    assert cut.run("--restart")[0] == 0
+    process.communicate(timeout=TIMEOUT)
+    assert cut.files() == whole.files()
+
+
 @pytest.fixture
 def interrupted(place):
     """Return a folder with an interrupted run."""

@@ -1,6 +1,6 @@
 !> A transient by passes until the deck's accuracy is kept (theory.md, section 12): each pass is a run like any other, compared
-!> row by row with the one before. Files of a pass get their names when it is finished; its part of the summary is kept as text,
-!> since what that describes is gone when the next pass has begun.
+!> row by row with the one before. Files of a finished pass get their names when the next one has begun, or at the end. Its part
+!> of the summary is kept as text, since what that describes is gone when the next pass has begun.
 module accuracy_run
   use kinds, only: wp, ip
   use accuracy_search, only: has_fixed_steps, pass_record, finished, given_up, lost_pass, witness
@@ -10,7 +10,6 @@ module accuracy_run
   use mechanism_ode, only: mechanism_system
   use posix, only: standard_error, write_bytes
   use readable_text, only: json_text
-  use results, only: remove_results, unfinished
   use run_summary, only: announce
   use scene_run, only: run_state, no_output, warn
   use step_counts, only: step_count
@@ -64,15 +63,17 @@ contains
       run%monitor = stability_monitor()
       run%restart = .false.
     end do
+    if (march%search%over .and. any(march%search%delivered == [0, march%search%count])) then
+      call march%files%publish(run%folder, march%files%suffix, ok)
+      if (.not. ok) call no_output(run, fail)
+    end if
     if (march%search%delivered > 0) then
-      if (march%search%over) fail = failure()
+      if (march%search%over .and. fail%status == status_failed) fail = failure()
       call text%append(march%search%found)
       ok = write_bytes(standard_error, march%search%found%untold%all())
     else
-      if (march%search%over) call march%files%publish(run%folder, ok)
       call transient_lines(run, march, fail%status, text)
     end if
-    if (march%search%over) call remove_results(run%folder, unfinished)
     call search_lines(run, march, text)
     if (march%search%over .and. march%search%delivered > 0 .and. .not. march%search%kept) call not_kept(run, march, text)
   end subroutine run_to_accuracy
@@ -84,7 +85,6 @@ contains
     type(failure), intent(inout) :: fail
     type(pass_record) :: end
     real(wp), allocatable :: x(:)             ! errors over what is asked [-]
-    logical :: ok
     associate (search => march%search, c => march%check)
       end = search%passes(search%count)
       end%outcome = finished
@@ -105,8 +105,6 @@ contains
       if (end%outcome == finished .and. search%passes(search%count)%role /= witness) then
         search%found = summary_record(silent=.true.)
         call transient_lines(run, march, fail%status, search%found)
-        call march%files%publish(run%folder, ok)
-        if (.not. ok) call no_output(run, fail)
       end if
       call search%judge(end, run%d%transient%most_seconds)
     end associate

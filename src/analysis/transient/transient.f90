@@ -12,7 +12,7 @@ module transient
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use error_groups, only: group_unknowns, out_of_shape
-  use errors, only: failure, status_failed, status_bad_input, status_signal
+  use errors, only: failure, status_ok, status_failed, status_bad_input, status_signal
   use followed_vibration, only: vibration_watch
   use force_scale, only: largest_force
   use linear_state, only: refuse_uneven
@@ -71,6 +71,7 @@ contains
     else
       call start_run(run, march, fail)
     end if
+    if (march%search%active .and. any(fail%status == [status_ok, status_failed])) call name_last_pass(run, march, fail)
     if (.not. fail%happened()) then
       call line%begin(run%quiet)
       do while (march%done < march%outputs)
@@ -110,7 +111,7 @@ contains
       run%sys%output_step = r%output_step
       call run%sys%start_switching(0.0_wp, run%y)
       call march%method%begin(run%sys, 0.0_wp, run%y)
-      if (march%search%active) march%files%suffix = unfinished
+      if (march%search%active) march%files%suffix = unfinished(1 + mod(march%search%count, 2))
       associate (search => march%search)
         if (search%rows%whole) call march%check%begin_stored(search%rows, search%passes(search%count)%role == witness)
       end associate
@@ -128,7 +129,23 @@ contains
     call march%files%open(run%folder, run%d%name, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
     if (march%files%failed()) call no_output(run, fail)
     if (.not. fail%happened()) call write_state(run, march, 0.0_wp, 0_ip, fail)
+    if (fail%happened() .or. .not. march%search%active) return
+    if (run%d%transient%checkpoint_interval > 0.0_wp .or. march%restarts > 0) call save(run, march, fail)
   end subroutine start_run
+
+  !> Gives the files of the pass before their names, if it is the one to be delivered so far: a checkpoint of that pass counts on
+  !> the files as they were, so that one of this pass must be there first.
+  subroutine name_last_pass(run, march, fail)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    type(failure), intent(inout) :: fail
+    logical :: ok
+    associate (last => march%search%count - 1)
+      if (last == 0 .or. march%search%delivered /= last) return
+      call march%files%publish(run%folder, unfinished(1 + mod(last, 2)), ok)
+      if (.not. ok) call no_output(run, fail)
+    end associate
+  end subroutine name_last_pass
 
   !> Takes up an interrupted run: its state, and its files cut to the rows that the checkpoint knows.
   subroutine continue_run(run, march, fail)
