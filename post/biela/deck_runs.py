@@ -93,6 +93,7 @@ class Outcome:
             first_order, multipliers
         warnings: of the solver, a sentence each
         still: columns that only rounding moves, as the solver has found; none: it has said nothing
+        model_errors: estimated errors of each column, `errors` of left-out modes and `mesh_errors`, where the deck asks for them
     """
 
     status: int
@@ -104,6 +105,7 @@ class Outcome:
     counts: dict[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     still: tuple[str, ...] | None = None
+    model_errors: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -341,7 +343,9 @@ class Runner:
         warnings = tuple(summary.get("warnings", ()))
         still = still_columns(summary)
         still = None if still is None else tuple(still)
-        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts, warnings, still)
+        found = summary.get("reduction", {})
+        model = {kind: found[kind] for kind in ("errors", "mesh_errors") if kind in found}
+        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts, warnings, still, model)
 
     def _show(self, stage: str, done: int, count: int) -> None:
         """Draw the progress bar on a terminal."""

@@ -29,6 +29,7 @@ class Result:
         chosen: what is recommended, as verified by running recommended.nml, None where nothing can be
         taken: removals that the recommended model has
         promised: the deck with `accuracy` in place of method and step, None where there was no time for it
+        model_errors: of the deck as written, as its run estimates them by pilots: of left-out modes, of the mesh
         meets: whether the verified error is within the tolerance
         budget: solver seconds that the recommended run may take, infinite without [s]
         parts: (what, time, mesh, model) parts of errors
@@ -47,6 +48,7 @@ class Result:
     chosen: Point | None = None
     taken: list[str] = field(default_factory=list)
     promised: Point | None = None
+    model_errors: dict[str, dict[str, float]] = field(default_factory=dict)
     meets: bool = False
     budget: float = math.inf
     parts: list[tuple[str, Gap, Gap, Gap]] = field(default_factory=list)
@@ -211,6 +213,19 @@ def head(study: Study, result: Result) -> str:
     return "".join(f"! {line}\n" for line in lines) + "\n"
 
 
+def _model_lines(study: Study, result: Result) -> list[str]:
+    """Return what left-out modes and meshes make each column err, as the solver estimates it."""
+    if not result.model_errors:
+        return []
+    names, truth = {"errors": "modes", "mesh_errors": "mesh"}, study.truth
+    title = "Errors of the deck's own modes and mesh, by pilots (check_reduction, check_mesh)"
+    lines = ["", f"{title:82} " + " ".join(f"{names[kind]:>9}" for kind in result.model_errors)]
+    for name, scale in zip(truth.names, truth.scale):
+        found = [[x for key, x in errors.items() if key.split("[")[0] == name] for errors in result.model_errors.values()]
+        lines.append(f"  {name:80} " + " ".join(f"{x[0] / scale:9.2e}" if x else 9 * " " for x in found))
+    return lines
+
+
 def table(study: Study, result: Result) -> str:
     """Return the text of tradeoff.txt."""
     truth = study.truth
@@ -243,6 +258,7 @@ def table(study: Study, result: Result) -> str:
     if result.parts:
         lines += ["", f"{'Parts of the error':44} {'time':>9} {'mesh':>9} {'model':>9}"]
         lines += [f"{what:44} {t.largest:9.2e} {m.largest:9.2e} {k.largest:9.2e}" for what, t, m, k in result.parts]
+    lines += _model_lines(study, result)
     cut = "--time ended the search before" if study.runner.late() else "there is no adequate setting, or nothing to remove"
     removals = _removals(study) if study.steps else [f"  none was tried: {cut}"]
     lines += ["", "What each removal changes, and what the cheapest adequate setting then costs", *removals]

@@ -137,6 +137,18 @@ def with_accuracy(deck: DeckText, accuracy: float, grid: Grid, asked: set[str]) 
     return for_search(deck.set(deck.one("transient"), **values), None, grid, asked)
 
 
+def with_checks(deck: DeckText, accuracy: float, grid: Grid, asked: set[str]) -> str:
+    """Return the same with estimates of what left-out modes and meshes make the columns err; '' where there are neither."""
+    bodies, own = deck.all("body"), {**dict.fromkeys(("check_reduction", "check_mesh"))}
+    if any(body.number("modes") > 0 for body in bodies if body.word("modes") != "auto"):
+        own["check_reduction"] = ".true."
+    if any(body.word("kind") == "beam" and body.word("elements") != "auto" for body in bodies):
+        own["check_mesh"] = ".true."
+    auto = any("auto" in (body.word("modes"), body.word("elements")) for body in bodies)
+    text = with_accuracy(deck.set(deck.one("transient"), **own), accuracy, grid, asked)
+    return text if auto or any(own.values()) else ""
+
+
 def for_search(deck: DeckText, setting: Setting | None, grid: Grid, asked: set[str]) -> str:
     """Return the text that a search runs: the asked-for sensors alone, no other analysis but the static one.
 

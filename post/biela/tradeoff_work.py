@@ -18,7 +18,7 @@ from .tradeoff_errors import Compared, gap, sizes_of
 from .tradeoff_picture import draw
 from .tradeoff_report import Result, head, nothing_finished, own_setting, setting_words, table, verdict
 from .tradeoff_search import EFFECT, cheapest, greedy
-from .tradeoff_settings import FAMILIES, Setting, columns, grid_of, length_of, sensors, with_accuracy, with_setting
+from .tradeoff_settings import FAMILIES, Setting, columns, grid_of, length_of, sensors, with_accuracy, with_checks, with_setting
 from .tradeoff_study import EVALUATION_COST, FULL, Point, Study
 from .tradeoff_truth import Base, as_written, deck_truth, effect_settings, left_out, parts, refined_truth
 
@@ -141,6 +141,12 @@ def promise(study: Study, result: Result, deck: DeckText) -> None:
             result.promised = Point(f"accuracy={study.tolerance:g}", None, parse(text), outcome, found)
             told = f"error {found.largest:.1e}, {outcome.seconds:.4f} s with all its passes"
             result.notes.append(f"accuracy={study.tolerance:g} in &transient: {told}")
+        checked = with_checks(deck, study.tolerance, study.grid, study.asked)
+        if checked:
+            outcome = study.runner.all([checked])[0]
+            result.model_errors = outcome.model_errors
+            if not outcome.ok:
+                result.notes.append(f"errors of modes and meshes are not estimated: {outcome.message}")
 
 
 def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:

@@ -25,7 +25,8 @@ import matplotlib.pyplot as plt
 from bench_accuracy import evaluations
 from bench_friction import friction_trade
 from bench_models import maxwell, shapes
-from bench_promise import promises
+from bench_promise import promises, shipped
+from bench_reduction import STUDIES, reductions
 
 HERE = Path(__file__).resolve().parents[2]
 BIELA = Path(os.environ.get("BIELA", "bin/biela")).resolve()
@@ -348,6 +349,9 @@ def main():
     shapes(table, run_process, WORK, quick)
     friction_trade(table, BIELA)
     promises(table, BIELA, 12 if quick else 120, int(os.environ.get("PROMISE_SEED", "1")))
+    shipped(table, BIELA)
+    for kind in STUDIES:
+        reductions(table, BIELA, 10 if quick else 100, int(os.environ.get("REDUCTION_SEED", "1")), kind)
     whole_processes(table, quick)
     analyses(table, quick)
     set_ups(table, quick)

@@ -76,7 +76,10 @@ def test_recommended_deck_meets_the_tolerance_against_an_independent_solution(st
     assert all(d.passed for d in found), found
     error, _, counts = promised(folder)
     assert error == pytest.approx(max(d.error for d in found), rel=0.05, abs=2e-8)
-    own = re.search(r"accuracy=\S+ in &transient: error (\S+), ", (folder / "tradeoff.txt").read_text())
+    told = (folder / "tradeoff.txt").read_text()
+    own = re.search(r"accuracy=\S+ in &transient: error (\S+), ", told)
+    estimate = re.search(r"by pilots \(check_reduction, check_mesh\) +mesh\n(?:  .*\n)*?  rod +(\S+)", told)
+    assert 0.0 < float(estimate[1]) < 1.0
     assert 0.0 < float(own[1]) < tolerance
     if tolerance == 1e-2:
         assert counts > 5.0
