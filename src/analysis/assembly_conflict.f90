@@ -142,8 +142,8 @@ contains
     part = all
     deallocate (part%constraints)
     allocate (part%constraints(count(kept(:all%permanent))))     ! rows that switch hold nothing
-    deallocate (part%switching_rows)
-    allocate (part%switching_rows(0))
+    deallocate (part%friction)
+    allocate (part%friction(0))
     part%elements = size(part%switching)
     part%stop_rows = 0
     deallocate (part%integrated)

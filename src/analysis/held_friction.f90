@@ -1,7 +1,7 @@
 !> Friction of joints where small motions about a state are looked at: joints that stick there are held, those that slide feel a
 !> constant force. `friction='free'` leaves it out.
 module held_friction
-  use friction_row, only: friction_model
+  use friction_law, only: row_stuck
   use kinds, only: wp
   use scene_run, only: run_state
   use summary_text, only: summary_record
@@ -36,19 +36,18 @@ contains
     held = ''
     sliding = ''
     free = ''
-    do k = 1, size(run%sys%m%s%switching_rows)
-      select type (row => run%sys%m%s%constraints(run%sys%m%s%switching_rows(k))%item)
-      class is (friction_model)
-        associate (state => run%sys%ev%switches%state(row%switch_number))
-          if (row%holds(state)) then
-            held = held//' "'//trim(row%name)//'"'
-          else if (row%slides(state) /= 0) then
-            sliding = sliding//' "'//trim(row%name)//'"'
+    do k = 1, size(run%sys%m%s%friction)
+      associate (law => run%sys%m%s%friction(k), row => run%sys%m%s%constraints(run%sys%m%s%permanent + k)%item)
+        associate (state => run%sys%ev%switches%state(law%number), name => ' "'//trim(row%name)//'"')
+          if (state == row_stuck) then
+            held = held//name
+          else if (law%slides(state) /= 0) then
+            sliding = sliding//name
           else
-            free = free//' "'//trim(row%name)//'"'
+            free = free//name
           end if
         end associate
-      end select
+      end associate
     end do
     if (len(held) > 0) call text%figure('  joints held by their friction:', 'held_by_friction', held, rest='')
     if (len(sliding) > 0) call text%figure('  joints that slide, with the friction of this state as a constant force:', &

@@ -106,7 +106,7 @@ contains
     call evaluate_start(m, work, q)
     if (any(turning_stiffness(m, work) > 0.0_wp)) call provide('forces of springs', 'springs under load count with their '// &
       'force as it is at the start; where it grows it adds stiffness against turns that the safe bound does not count')
-    if (size(m%s%switching_rows) > 0) call provide('friction', 'friction of joints changes with the reactions that it changes, '// &
+    if (size(m%s%friction) > 0) call provide('friction', 'friction of joints changes with the reactions that it changes, '// &
       'which couples motions unsymmetrically; no bound counts that')
     if (.not. any(m%s%bodies%flexible)) return
     bent = q

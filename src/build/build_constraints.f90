@@ -33,8 +33,7 @@ contains
     rubs = max(d%joints%friction, d%joints%friction_static, d%joints%preload) > 0.0_wp
     s%joints = size(d%joints)
     s%permanent = s%joints + size(d%drives)
-    s%switching_rows = [(s%permanent + k, k=1, count(rubs))]
-    allocate (s%constraints(s%permanent + size(s%switching_rows)))
+    allocate (s%friction(count(rubs)), s%constraints(s%permanent + count(rubs)))
     do k = 1, s%permanent
       if (k <= s%joints) then
         call make_joint(d%joints(k), s%constraints(k)%item)
@@ -132,18 +131,22 @@ contains
     end subroutine check_smooth
   end subroutine make_constraints
 
-  !> Gives tangential rows the markers and the rows of their joints.
+  !> Gives tangential rows the markers and the rows of their joints, and their laws to the scene.
   subroutine place_friction(s)
     type(scene), intent(inout) :: s               !! joints are placed
     integer :: k
-    do k = 1, size(s%switching_rows)
-      select type (c => s%constraints(s%switching_rows(k))%item)
+    do k = 1, size(s%friction)
+      select type (c => s%constraints(s%permanent + k)%item)
       class is (friction_model)
-        associate (joint => s%constraints(c%parent)%item)
+        associate (joint => s%constraints(c%parent)%item, law => c%law)
           c%ia = joint%ia
           c%ib = joint%ib
-          c%joint_first = joint%first
-          c%joint_rows = joint%rows
+          law%size = s%size
+          law%row = c%first
+          law%first = joint%first
+          law%rows = joint%rows
+          law%number = c%switch_number
+          s%friction(k) = law
         end associate
       end select
     end do

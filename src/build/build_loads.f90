@@ -46,10 +46,10 @@ contains
     do k = 1, size(s%switching)
       s%forces(s%switching(k))%item%switch_number = k
     end do
-    do k = 1, size(s%switching_rows)
-      s%constraints(s%switching_rows(k))%item%switch_number = size(s%switching) + k
+    do k = 1, size(s%friction)
+      s%constraints(s%permanent + k)%item%switch_number = size(s%switching) + k
     end do
-    s%elements = size(s%switching) + size(s%switching_rows)
+    s%elements = size(s%switching) + size(s%friction)
     call add_stop_rows(s)
   end subroutine make_forces
 

@@ -40,7 +40,8 @@ contains
     integer, intent(in) :: joint                 !! its number, 0: no joint
     integer, allocatable :: row(:)
     integer :: k
-    row = pack(s%switching_rows, [(s%constraints(s%switching_rows(k))%item%parent == joint, k=1, size(s%switching_rows))])
+    row = [(s%permanent + k, k=1, size(s%friction))]
+    row = pack(row, [(s%constraints(row(k))%item%parent == joint, k=1, size(row))])
     if (joint == 0) row = row(:0)
   end function friction_of
 end module build_power_sources

@@ -71,8 +71,8 @@ contains
     type(failure), intent(inout) :: fail
     integer :: k
     if (.not. self%redundant) return
-    do k = 1, size(self%s%switching_rows)
-      associate (c => self%s%constraints(self%s%switching_rows(k))%item)
+    do k = 1, size(self%s%friction)
+      associate (c => self%s%constraints(self%s%permanent + k)%item)
         if (c%parent == 0) cycle
         if (.not. report%dependent(c%parent)) cycle
         if (report%culprit == 0) report%culprit = c%parent

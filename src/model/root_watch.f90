@@ -8,6 +8,9 @@ module root_watch
   integer, parameter, public :: most_roots = 3           !! that an element watches at a time
   real(wp), parameter, public :: root_rounding = 64*epsilon(1.0_wp)   !! a root so small is zero, of what it is a difference of [-]
 
+  real(wp), parameter, public :: resting = 1.0e-11_wp   !! what solves and projections leave of a force or an acceleration that is
+                                                        !! none, of its scale [-]; of a rate, sizes a second [1/s]
+
   !> Each root is positive in the present state, its fall to zero is an event.
   type, public :: watched_roots
     real(wp) :: g(most_roots) = huge(1.0_wp)      !! values; huge: not watched [m], [rad] or [-]; of rows [m/s] or [N]

@@ -10,6 +10,7 @@ module scene_model
   use constraint, only: constraint_box
   use controller, only: controller_model
   use force_element, only: force_box
+  use friction_law, only: coulomb_law
   implicit none (type, external)
   private
 
@@ -42,7 +43,8 @@ module scene_model
     integer :: joints = 0                       !! how many of them are joints
     integer :: permanent = 0                    !! how many of them are joints or drives
     integer :: permanent_rows = 0               !! their rows, the first ones
-    integer, allocatable :: switching_rows(:)   !! the constraints behind them, each of one row that may hold or not
+    type(coulomb_law), allocatable :: friction(:)   !! of joints; the constraints behind the permanent ones are their rows, in this
+                                                    !! order, each of one row that may hold or not
     integer :: stop_rows = 0                    !! how many of rigid stops follow, the last rows
     type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, then stops
     integer :: springs = 0                      !! how many of them are springs

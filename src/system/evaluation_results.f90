@@ -10,6 +10,7 @@ module evaluation_results
   use marker, only: marker_states
   use mechanism, only: mechanism_model
   use multipliers, only: multiplier_system
+  use root_watch, only: root_rounding
   use scene_model, only: power_source
   implicit none (type, external)
   private
@@ -79,6 +80,7 @@ module evaluation_results
     type(element_action), allocatable :: action(:)   !! what each force element does
     type(control_results), allocatable :: control(:)   !! what each controller does
     type(switch_states) :: switches             !! discrete states of the force elements that have such
+    real(wp) :: creep = 0.0_wp                  !! rows that stick give way by so much of their own compliance, to find states [-]
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
     real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins [m/s2, rad/s2]
     real(wp), allocatable :: zdd(:)             !! (nz) highest derivatives of internal variables [m/s2, rad/s2], [m/s, rad/s]
@@ -177,7 +179,8 @@ contains
         b = c%ib
         term = [r%na(:, i)*ev%p%v(:, a), r%nb(:, i)*ev%p%v(:, b), r%sa(i)*ev%p%rate(a), r%sb(i)*ev%p%rate(b)]
         x = row_motion(ev%switches%state(c%switch_number), ev%switches%memory(c%switch_number), sum(term), &
-                       r%acceleration(i), sum(abs(term)))
+                       r%acceleration(i), sum(abs(term)), ev%schur%whole(0, ev%schur%position(i))/ev%schur%scale(i)**2)
+        x%noise = root_rounding*(r%largest + x%compliance*r%strongest)
       end associate
     end associate
   end function motion_of_row
@@ -218,8 +221,8 @@ contains
       power(2 + k) = ev%action(m%s%switching(k))%dissipated
     end do
     n = 2 + size(m%s%switching)
-    do k = 1, size(m%s%switching_rows)
-      associate (i => m%s%constraints(m%s%switching_rows(k))%item%first, x => motion_of_row(m, ev, k))
+    do k = 1, size(m%s%friction)
+      associate (i => m%s%friction(k)%row, x => motion_of_row(m, ev, k))
         power(n + k) = merge(ev%lambda(i)*x%rate, 0.0_wp, ev%rows%off(i))
       end associate
       power(1) = power(1) + power(n + k)

@@ -3,7 +3,7 @@
 module friction_shares
   use kinds, only: wp
   use evaluation_results, only: evaluation
-  use friction_row, only: friction_model, row_carried
+  use friction_law, only: row_carried
   use joint_geometry, only: condense_geometry
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -27,19 +27,14 @@ contains
     carried = any(abs(ev%switches%state(size(m%s%switching) + 1:)) == row_carried)
     if (.not. (carried .or. ev%schur%singular)) return
     before = ev%schur%off
-    do k = m%s%permanent + 1, size(m%s%constraints)
-      associate (state => ev%switches%state(m%s%constraints(k)%item%switch_number))
-        select type (row => m%s%constraints(k)%item)
-        class is (friction_model)
-          ev%schur%off(row%first) = .not. (row%holds(state) .or. abs(state) == row_carried)
-        class default
-          ev%schur%off(row%first) = .not. row%holds(state)
-        end select
+    do k = 1, size(m%s%friction)
+      associate (law => m%s%friction(k))
+        if (abs(ev%switches%state(law%number)) == row_carried) ev%schur%off(law%row) = .false.
       end associate
     end do
     spare = dependent_rows(m, ev)
     do k = 1, size(found)
-      associate (off => ev%schur%off(m%s%constraints(m%s%switching_rows(k))%item%first))
+      associate (off => ev%schur%off(m%s%friction(k)%row))
         if (off) cycle
         off = .true.
         found(k) = dependent_rows(m, ev) < spare

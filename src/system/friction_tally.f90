@@ -3,7 +3,7 @@
 module friction_tally
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use friction_row, only: row_slips
+  use friction_law, only: row_slips
   implicit none (type, external)
   private
   public :: exchange_friction

@@ -14,12 +14,13 @@ module impacts
   use dynamics, only: evaluate_motion, motion_state
   use evaluation_results, only: evaluation, conditions_of, motion_of_row, row_power
   use force_element, only: by_position, most_roots, root_rounding, watched_roots
-  use friction_row, only: creeping, friction_model, row_slips, stopped
+  use friction_law, only: row_slips
   use joint_response, only: apply_multipliers
   use joint_system, only: add_row_motion
   use lapack, only: dgesv
   use marker_motion, only: marker_kinematics
   use mechanism, only: mechanism_model
+  use root_watch, only: resting
   use stop_row, only: stop_row_model
   use stops, only: stop_idle, stop_open, stop_rebound, stop_touching
   use switching, only: event_list, switch_event
@@ -30,6 +31,7 @@ module impacts
   real(wp), parameter :: least_rebound = 1.0e-11_wp   !! next height below which a stop closes, of the scene's size [-]
   real(wp), parameter :: immovable = 1.0e-10_wp       !! what a unit force moves, over what it moves without joints or others [-]
   real(wp), parameter :: entered = 1.0e-12_wp         !! a penetration that is not rounding, of the scene's size [-]
+  real(wp), parameter :: stopped = 1.0e-13_wp         !! a rate so small is zero, sizes a second [1/s]
   real(wp), parameter :: at_rest = 1.0e-12_wp         !! an acceleration so small is none, of the largest of all rows [-]
 
   !> What a pass over the rigid stops changes beside the state.
@@ -246,13 +248,10 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     integer :: k
-    do k = 1, size(m%s%switching_rows)
-      select type (row => m%s%constraints(m%s%switching_rows(k))%item)
-      class is (friction_model)
-        associate (x => motion_of_row(m, ev, k))
-          if (abs(x%rate) > creeping*row%size) ev%switches%state(row%switch_number) = nint(sign(1.0_wp, x%rate))*row_slips
-        end associate
-      end select
+    do k = 1, size(m%s%friction)
+      associate (x => motion_of_row(m, ev, k), state => ev%switches%state(m%s%friction(k)%number))
+        if (abs(x%rate) > resting*m%s%size + root_rounding*x%speed) state = nint(sign(1.0_wp, x%rate))*row_slips
+      end associate
     end do
   end subroutine slip_as_struck
 

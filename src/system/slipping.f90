@@ -7,7 +7,7 @@
 module slipping
   use kinds, only: wp
   use evaluation_results, only: evaluation
-  use friction_row, only: friction_model, row_slips
+  use friction_law, only: row_slips
   use lapack, only: dgbtrf, dgbtrs
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -53,7 +53,8 @@ contains
     x = b
     call ev%schur%whole_product(ev%lambda, x)
     ev%rows%acceleration = x
-    ev%rows%largest = maxval(abs(b))
+    ev%rows%largest = max(maxval(abs(b)), maxval(abs(ev%frame%free(1:2, :))), m%s%size*maxval(abs(ev%frame%free(3, :))))
+    ev%rows%strongest = maxval(abs(ev%lambda))
   end subroutine slip_multipliers
 
   !> The friction of all rows that are off.
@@ -64,11 +65,10 @@ contains
     real(wp), intent(out) :: f(:)                    !! (rows) [N]
     integer :: k
     f = 0.0_wp
-    do k = 1, size(m%s%switching_rows)
-      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
-      class is (friction_model)
-        f(c%first) = c%force(ev%switches%state(c%switch_number), lambda)
-      end select
+    do k = 1, size(m%s%friction)
+      associate (law => m%s%friction(k))
+        f(law%row) = law%force(ev%switches%state(law%number), lambda)
+      end associate
     end do
   end subroutine friction
 
@@ -111,22 +111,20 @@ contains
     real(wp), dimension(size(ev%lambda)) :: y, unit  ! [-]
     logical :: ok
     ratio = 0.0_wp
-    select type (c => m%s%constraints(m%s%switching_rows(k))%item)
-    class is (friction_model)
-      if (abs(ev%switches%state(c%switch_number)) /= row_slips .or. .not. c%law%kinetic > 0.0_wp) return
+    associate (law => m%s%friction(k))
+      if (abs(ev%switches%state(law%number)) /= row_slips .or. .not. law%kinetic > 0.0_wp) return
       unit = 0.0_wp
-      unit(c%first) = -1.0_wp
+      unit(law%row) = -1.0_wp
       y = 0.0_wp
       call ev%schur%whole_product(unit, y)
       if (others) then
-        call solve_linearised(m, ev, ev%lambda, c%first, y, ok)
+        call solve_linearised(m, ev, ev%lambda, law%row, y, ok)
         if (.not. ok) return
       else
         call ev%schur%solve(y)
       end if
-      ratio = c%law%kinetic*c%law%pressure(c%size, y(c%joint_first:c%joint_first + c%joint_rows - 1))
-      if (c%angular) ratio = ratio/c%size
-    end select
+      ratio = law%kinetic*law%pressure(y)
+    end associate
   end function pressing
 
   !> Multipliers of the rows that hold, friction linearised, from what they have to cancel; ok is false where there are none.
@@ -155,7 +153,7 @@ contains
     real(wp), intent(in) :: lambda(:)                !! [N]
     integer, intent(in) :: without                   !! a row t that is left out, 0: none
     real(wp), intent(out) :: ab(:, :)                !! [1/kg]
-    real(wp), allocatable :: d(:)                    ! [-]
+    real(wp) :: d(2)                                 ! [-]
     real(wp) :: t                                    ! [1/kg]
     integer :: i, j, k, l, n, kd
     n = ev%schur%n
@@ -168,23 +166,22 @@ contains
       end do
     end do
     if (ev%schur%singular) ab(2*kd + 1, :) = ab(2*kd + 1, :) + ev%schur%shift*sum(ev%schur%s(0, :))/n
-    do k = 1, size(m%s%switching_rows)
-      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
-      class is (friction_model)
-        if (c%first == without) cycle
-        d = c%force_slope(ev%switches%state(c%switch_number), lambda)
-        associate (at => ev%schur%position(c%first), scale => ev%schur%scale)
+    do k = 1, size(m%s%friction)
+      associate (law => m%s%friction(k))
+        if (law%row == without) cycle
+        d = law%force_slope(ev%switches%state(law%number), lambda)
+        associate (at => ev%schur%position(law%row), scale => ev%schur%scale)
           do i = max(1, at - kd), min(n, at + kd)
             if (ev%rows%off(ev%schur%row(i))) cycle
-            t = ev%schur%whole(abs(i - at), min(i, at))/scale(c%first)
+            t = ev%schur%whole(abs(i - at), min(i, at))/scale(law%row)
             if (.not. abs(t) > 0.0_wp) cycle
-            do l = 1, c%joint_rows
-              j = ev%schur%position(c%joint_first + l - 1)
-              ab(2*kd + 1 + i - j, j) = ab(2*kd + 1 + i - j, j) + t*d(l)*scale(c%joint_first + l - 1)
+            do l = 1, law%rows
+              j = ev%schur%position(law%first + l - 1)
+              ab(2*kd + 1 + i - j, j) = ab(2*kd + 1 + i - j, j) + t*d(l)*scale(law%first + l - 1)
             end do
           end do
         end associate
-      end select
+      end associate
     end do
   end subroutine sum_matrix
 end module slipping

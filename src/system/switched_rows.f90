@@ -3,7 +3,6 @@
 module switched_rows
   use kinds, only: wp
   use evaluation_results, only: evaluation
-  use friction_row, only: friction_model
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -25,16 +24,12 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     real(wp), intent(inout) :: gap(:)        !! (rows) [m] or a derivative, [N] where off
-    integer :: k, i
-    do k = m%s%permanent + 1, size(m%s%constraints)
-      associate (item => m%s%constraints(k)%item)
-        i = item%first
-        if (.not. ev%rows%off(i)) cycle
-        gap(i) = -lambda(i)
-        select type (row => item)
-        class is (friction_model)
-          gap(i) = row%force(ev%switches%state(row%switch_number), lambda) - lambda(i)
-        end select
+    integer :: k
+    if (.not. allocated(ev%rows%off)) return
+    where (ev%rows%off) gap = -lambda
+    do k = 1, size(m%s%friction)
+      associate (law => m%s%friction(k))
+        if (ev%rows%off(law%row)) gap(law%row) = law%force(ev%switches%state(law%number), lambda) - lambda(law%row)
       end associate
     end do
   end subroutine slip_gaps
@@ -47,13 +42,12 @@ contains
     real(wp), intent(in) :: lambda(:)        !! (rows) [N]
     integer, intent(out) :: reaction(2)      !! those rows; 0: none
     real(wp), intent(out) :: slope(2)        !! [-]
-    integer :: i
     reaction = 0
     slope = 0.0_wp
-    select type (row => m%s%constraints(m%s%permanent + k)%item)
-    class is (friction_model)
-      reaction(1:row%joint_rows) = [(row%joint_first + i, i=0, row%joint_rows - 1)]
-      slope(1:row%joint_rows) = row%force_slope(ev%switches%state(row%switch_number), lambda)
-    end select
+    if (k > size(m%s%friction)) return          ! a rigid stop
+    associate (law => m%s%friction(k))
+      reaction = [law%first, merge(law%first + 1, 0, law%rows > 1)]
+      slope = law%force_slope(ev%switches%state(law%number), lambda)
+    end associate
   end subroutine slip_slope
 end module switched_rows

@@ -70,8 +70,8 @@ contains
     real(wp), intent(out) :: g(:), rate(:), zero(:) !! (roots of the rows) `watched_roots` [m/s], [N], and per second
     type(watched_roots) :: x
     integer :: k, n
-    do k = 1, size(m%s%switching_rows)
-      call m%s%constraints(m%s%switching_rows(k))%item%roots(motion_of_row(m, ev, k), ev%lambda, x)
+    do k = 1, size(m%s%friction)
+      call m%s%constraints(m%s%permanent + k)%item%roots(motion_of_row(m, ev, k), ev%lambda, x)
       n = most_roots*(k - 1)
       g(n + 1:n + most_roots) = x%g
       rate(n + 1:n + most_roots) = x%rate
@@ -139,7 +139,7 @@ contains
     character(:), allocatable :: name
     associate (n => size(m%s%switching))
       if (i <= n) name = trim(m%s%forces(m%s%switching(i))%item%name)
-      if (i > n) name = trim(m%s%constraints(m%s%switching_rows(i - n))%item%name)
+      if (i > n) name = trim(m%s%constraints(m%s%permanent + i - n)%item%name)
     end associate
   end function element_name
 
@@ -151,7 +151,7 @@ contains
     character(:), allocatable :: word
     associate (n => size(m%s%switching))
       if (i <= n) word = m%s%forces(m%s%switching(i))%item%state_word(state)
-      if (i > n) word = m%s%constraints(m%s%switching_rows(i - n))%item%state_word(state)
+      if (i > n) word = m%s%constraints(m%s%permanent + i - n)%item%state_word(state)
     end associate
   end function state_word
 

@@ -365,3 +365,30 @@ def test_held_means_that_shares_exist(run_deck):
     unknown = [joint.get("undetermined", 0.0) for joint in run.transient["friction"]]
     assert unknown == pytest.approx(np.repeat(0.01 * np.array(held), 4), abs=1e-15)
     assert run.summary.count("its share of the load is not determined by rigid bodies") == 4 * sum(held)
+
+
+def chain(links, angle, friction, transient):
+    """Return a deck of equal links with friction in each pin, let go from a straight line."""
+    groups = ["&scene gravity=0,-9.81 /"]
+    for k in range(links):
+        at = f"{0.1 * k * cos(angle):.17g},{0.1 * k * sin(angle):.17g}"
+        groups += [
+            f"&body name='b{k}' mass=0.1 inertia=8e-5 com=0.05,0 position={at} angle={angle} /",
+            f"&joint name='j{k}' type='revolute' body_a='b{k}'" + (f" body_b='b{k - 1}' point_b=0.1,0" if k else "")
+            + f" friction={friction} pin_radius=0.01 /",
+            f"&sensor name='f{k}' quantity='friction' joint='j{k}' /",
+            f"&sensor name='w{k}' quantity='angular_acceleration' body='b{k}' /",
+        ]
+    return "\n".join([*groups, transient])
+
+
+def test_long_chain_let_go(run_deck):
+    """Sixty pins: each one's acceleration has the sign that its friction says, down to reactions that are rounding."""
+    deck = chain(60, 0.0, 0.01, "&transient method='dopri5' tolerance=1e-6 t_end=1e-3 output_step=1e-3 /")
+    h = run_deck(deck).history
+    w = np.array([0.0] + [h[f"w{k}"][0] for k in range(60)])
+    states = np.array([h[f"f{k}.state"][0] for k in range(60)])
+    assert (states[:15] == np.sign(np.diff(w)[:15])).all()
+    assert set(states[:15]) == {-1.0, 1.0}
+    assert np.abs(np.diff(w)[states == 0]).max(initial=0) < 1e-8 * np.abs(w).max()
+    assert (states * np.diff(w) >= -1e-9 * np.abs(w).max()).all()

@@ -32,7 +32,7 @@ contains
     real(wp) :: lost                           ! [J]
     real(wp) :: slid                           ! [m] or [rad]
     associate (m => run%sys%m, x => run%sys%friction(i))
-      associate (row => m%s%constraints(m%s%switching_rows(i))%item)
+      associate (row => m%s%constraints(m%s%permanent + i)%item)
         lost = run%y(2*m%s%nq + m%s%nz + m%s%nzd + 2 + row%switch_number)
         slid = x%slid + abs(run%sys%place_of(i) - x%place)
         call text%open('', '{')

@@ -3,7 +3,6 @@ module march_failure
   use kinds, only: wp
   use error_groups, only: fastest_growth, out_of_shape
   use errors, only: failure, status_failed
-  use friction_row, only: friction_model
   use assembly_conflict, only: deck_line_of
   use assembly_reports, only: too_uneven, weakest_constraint, weakest_text
   use contact_mass, only: drives_against, mass_at
@@ -126,11 +125,8 @@ contains
       text = 'joint "'//element_name(m, size(m%s%switching) + k)//'" at t = '//number(t)//' s: its friction presses '// &
              fixed_text(ratio, 3)//' times as hard as it brakes'
       if (ratio < 1.0_wp) text = text//', and harder from here on'
-      select type (c => m%s%constraints(m%s%switching_rows(k))%item)
-      class is (friction_model)
-        text = text//'; rigid bodies have no (or two) accelerations there (Painleve); a friction below '// &
-               fixed_text(c%law%kinetic/ratio, 3)//', or an elastic link, has one'
-      end select
+      text = text//'; rigid bodies have no (or two) accelerations there (Painleve); a friction below '// &
+             fixed_text(m%s%friction(k)%kinetic/ratio, 3)//', or an elastic link, has one'
     end associate
   end function friction_fault
 

@@ -8,9 +8,9 @@ module mechanism_events
   use evaluation_results, only: conditions_of
   use evaluation_settings, only: at_side
   use force_element, only: by_position, idle, most_roots
-  use friction_row, only: friction_model, row_carried, row_stuck
+  use friction_law, only: row_carried, row_stuck
   use friction_shares, only: find_undetermined
-  use friction_states, only: comes_to_rest, settle_friction
+  use friction_states, only: comes_to_rest, hold_resting, settle_friction
   use friction_tally, only: exchange_friction, joint_tally
   use impacts, only: impact_result, pass_impacts
   use mechanism_rates, only: moving_mechanism
@@ -81,7 +81,7 @@ contains
   pure real(wp) function place_of(self, k)
     class(switching_mechanism), intent(in) :: self
     integer, intent(in) :: k
-    associate (row => self%m%s%constraints(self%m%s%switching_rows(k))%item)
+    associate (row => self%m%s%constraints(self%m%s%permanent + k)%item)
       place_of = row%measure(self%ev%p)/merge(row%size, 1.0_wp, row%angular)
     end associate
   end function place_of
@@ -108,11 +108,14 @@ contains
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    logical :: ok
-    if (size(self%m%s%switching_rows) == 0) return
+    logical :: none(most_roots*size(self%m%s%friction)), ok
+    logical, dimension(size(self%m%s%friction)) :: rests, breaks   ! (rows that switch)
+    if (size(self%m%s%friction) == 0) return
+    none = .false.
     call self%free_friction()
-    call settle_friction(self%m, self%ev, self%motion_at(t, y), spread(.false., 1, most_roots*size(self%m%s%switching_rows)), ok)
-    self%pressing = spread(0.0_wp, 1, size(self%m%s%switching_rows))
+    call hold_resting(self%m, self%ev, self%motion_at(t, y), none, rests, breaks)
+    call settle_friction(self%m, self%ev, self%motion_at(t, y), none, rests, breaks, ok)
+    self%pressing = spread(0.0_wp, 1, size(self%m%s%friction))
     call judge_friction(self, ok)
   end subroutine hold_friction
 
@@ -132,7 +135,7 @@ contains
     integer :: k
     k = self%roots - 2*size(self%m%s%controllers)
     associate (nq => self%m%s%nq, nz => self%m%s%nz, nzd => self%m%s%nzd, n => most_roots*size(self%m%s%switching))
-      if (size(self%m%s%switching_rows) > 0 .or. holds_stops(self)) then
+      if (size(self%m%s%friction) > 0 .or. holds_stops(self)) then
         call evaluate_branch(self%m, self%ev, at_side(self%options, left_limit), t, y(1:nq), y(nq + 1:2*nq), &
                              y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
         call watch_rows(self%m, self%ev, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
@@ -181,7 +184,7 @@ contains
     call self%choose_rows()
     call begin_contacts(self, t, y, self%events%items(n + 1:self%events%count)%element, &
                         self%events%items(n + 1:self%events%count)%from == 0)
-    if (ok .and. size(self%m%s%switching_rows) > 0) call resolve_friction(self, t, y, fallen, before, ok)
+    if (ok .and. size(self%m%s%friction) > 0) call resolve_friction(self, t, y, fallen, before, ok)
     call limit_resting(self)
   end subroutine resolve_events
 
@@ -237,9 +240,14 @@ contains
     logical, intent(in) :: fallen(:)        !! (roots)
     integer, intent(in) :: before(:)        !! (elements that switch) states
     logical, intent(out) :: ok
+    logical, dimension(size(self%friction)) :: rests, breaks   ! (rows that switch)
     integer :: k
     k = most_roots*self%m%s%elements
-    call settle_friction(self%m, self%ev, self%motion_at(t, y), fallen(most_roots*size(self%tally) + 1:k), ok)
+    associate (roots => fallen(most_roots*size(self%tally) + 1:k))
+      call hold_resting(self%m, self%ev, self%motion_at(t, y), roots, rests, breaks)
+      if (self%has_manifold) call self%project(t, y, ok)
+      call settle_friction(self%m, self%ev, self%motion_at(t, y), roots, rests, breaks, ok)
+    end associate
     do k = size(self%tally) + 1, self%m%s%elements
       associate (state => self%ev%switches%state(k))
         if (state == before(k)) cycle
@@ -329,12 +337,11 @@ contains
       end associate
     end do
     do i = 1, size(self%friction)
-      select type (row => self%m%s%constraints(self%m%s%switching_rows(i))%item)
-      class is (friction_model)
-        associate (state => self%ev%switches%state(row%switch_number))
-          if (row%slides(state) == 0) call self%friction(i)%note_rest(h, row%share(state, self%ev%lambda))
+      associate (law => self%m%s%friction(i))
+        associate (state => self%ev%switches%state(law%number))
+          if (law%slides(state) == 0) call self%friction(i)%note_rest(h, law%share(state, self%ev%lambda))
         end associate
-      end select
+      end associate
     end do
     call limit_steps(self)
     if (.not. allocated(self%pressing)) return

@@ -22,7 +22,8 @@ module constraint
     real(wp), allocatable :: acceleration_bias(:) !! (n) part of the second derivative beside the markers' accelerations [m/s2]
     logical, allocatable :: off(:)        !! (n) it holds nothing now; allocated where rows switch
     real(wp), allocatable :: acceleration(:)   !! (n) second derivatives, zero but for rounding of rows that hold; likewise [m/s2]
-    real(wp) :: largest = 0.0_wp          !! of them without multipliers [m/s2]
+    real(wp) :: largest = 0.0_wp          !! of accelerations without multipliers, of frames and of rows [m/s2]
+    real(wp) :: strongest = 0.0_wp        !! of the multipliers [N]
   contains
     procedure :: empty
   end type constraint_rows
@@ -34,6 +35,8 @@ module constraint
     real(wp) :: rate = 0.0_wp             !! [m/s]
     real(wp) :: acceleration = 0.0_wp     !! [m/s2]
     real(wp) :: speed = 0.0_wp            !! sizes of the terms of the rate [m/s]
+    real(wp) :: compliance = 0.0_wp       !! its acceleration by a unit multiplier [1/kg]
+    real(wp) :: noise = 0.0_wp            !! an acceleration so small is none [m/s2]
   end type row_motion
 
   !> Second derivatives of lambda.Phi with respect to (x, y, angle) of marker a, then of marker b.

@@ -6,10 +6,13 @@ module friction_law
   implicit none (type, external)
   private
 
+  !> States: sticks; slips in the direction of its sign; at rest without sticking, as other rows carry it, with the static
+  !> limit in the direction of its sign, or with no force.
+  integer, parameter, public :: row_stuck = 0, row_slips = 1, row_carried = 2, row_idle = 3
   integer, parameter, public :: on_pin = 1, on_line = 2, on_pads = 3   !! what presses
   integer, parameter, public :: most_pads = 2
 
-  !> The law.
+  !> The law, and where the multipliers stand that it is about.
   type, public :: coulomb_law
     integer :: contact = on_pin
     real(wp) :: kinetic = 0.0_wp          !! coefficient of friction of surfaces that slip [-]
@@ -17,66 +20,133 @@ module friction_law
     real(wp) :: preload = 0.0_wp          !! part of the limit without reaction [N]; of a pin [N m]
     real(wp) :: radius = 0.0_wp           !! of a pin [m]
     real(wp) :: distance = 0.0_wp         !! between two pads [m]
+    real(wp) :: size = 1.0_wp             !! the scene's size, weight of angle rows [m]
+    integer :: row = 0                    !! its tangential row
+    integer :: first = 0, rows = 0        !! first row of its joint, how many it has
+    integer :: number = 0                 !! among the elements that switch
   contains
+    procedure :: force
+    procedure :: force_slope
     procedure :: limit
-    procedure :: slope
-    procedure :: pads
+    procedure :: sticking_limit
     procedure :: pressure
+    procedure :: slides
+    procedure :: share
+    procedure :: pads
+    procedure :: pad_signs
+    procedure :: pad_code
   end type coulomb_law
 
 contains
 
-  !> Largest tangential force of the joint's multipliers; of a pin the moment over the size.
-  pure real(wp) function limit(self, size_s, lambda, sticks) result(c)   ! [N]
+  !> The multiplier of its row where that is off.
+  pure real(wp) function force(self, state, lambda) result(f)   ! [N]
     class(coulomb_law), intent(in) :: self
-    real(wp), intent(in) :: size_s        !! the scene's size, weight of angle rows [m]
-    real(wp), intent(in) :: lambda(:)     !! multipliers of the joint [N]
-    logical, intent(in) :: sticks         !! the static limit
-    c = self%preload + merge(self%static, self%kinetic, sticks)*self%pressure(size_s, lambda)
-    if (self%contact == on_pin) c = c/size_s
+    integer, intent(in) :: state
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    f = 0.0_wp
+    if (abs(state) == row_slips) f = sign(self%limit(self%kinetic, lambda), real(state, wp))
+    if (abs(state) == row_carried) f = sign(self%limit(self%static, lambda), real(state, wp))
+  end function force
+
+  !> Derivatives of that force by the joint's multipliers; what they are 0 for is 0.
+  pure function force_slope(self, state, lambda) result(d)
+    class(coulomb_law), intent(in) :: self
+    integer, intent(in) :: state
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    real(wp) :: d(2)                      ! [-]
+    real(wp) :: y(2), p(most_pads), mu
+    d = 0.0_wp
+    mu = 0.0_wp
+    if (abs(state) == row_slips) mu = sign(self%kinetic, real(state, wp))
+    if (abs(state) == row_carried) mu = sign(self%static, real(state, wp))
+    y = own(self, lambda)
+    select case (self%contact)
+    case (on_pin)
+      if (any(abs(y) > 0.0_wp)) d = mu*self%radius/self%size*y/norm2(y)
+    case (on_line)
+      d(1) = sign(1.0_wp, y(1))*mu
+    case default
+      p = sign(0.5_wp, self%pads(lambda))*mu
+      d = [p(1) + p(2), 2*self%size/self%distance*(p(1) - p(2))]
+    end select
+  end function force_slope
+
+  !> Largest tangential force with a coefficient of friction; of a pin the moment over the size.
+  pure real(wp) function limit(self, mu, lambda) result(c)   ! [N]
+    class(coulomb_law), intent(in) :: self
+    real(wp), intent(in) :: mu            !! [-]
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    c = self%preload/merge(self%size, 1.0_wp, self%contact == on_pin) + mu*self%pressure(lambda)
   end function limit
 
-  !> What the coefficient of friction multiplies.
-  pure real(wp) function pressure(self, size_s, lambda)   ! [N]; of a pin [N m]
+  !> Up to which force it sticks.
+  pure real(wp) function sticking_limit(self, lambda) result(c)   ! [N]
     class(coulomb_law), intent(in) :: self
-    real(wp), intent(in) :: size_s        !! [m]
-    real(wp), intent(in) :: lambda(:)     !! [N]
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    c = self%limit(self%static, lambda)
+  end function sticking_limit
+
+  !> What the coefficient of friction multiplies; of a pin times the radius over the size.
+  pure real(wp) function pressure(self, lambda)   ! [N]
+    class(coulomb_law), intent(in) :: self
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
     if (self%contact == on_pin) then
-      pressure = self%radius*sqrt(lambda(1)**2 + lambda(2)**2)
+      pressure = self%radius/self%size*sqrt(lambda(self%first)**2 + lambda(self%first + 1)**2)
     else
-      pressure = sum(abs(self%pads(size_s, lambda)))
+      pressure = sum(abs(self%pads(lambda)))
     end if
   end function pressure
 
-  !> Derivatives of the limit by the joint's multipliers.
-  pure function slope(self, size_s, lambda, sticks) result(d)
+  !> The joint's multipliers that press.
+  pure function own(self, lambda) result(y)
     class(coulomb_law), intent(in) :: self
-    real(wp), intent(in) :: size_s        !! [m]
-    real(wp), intent(in) :: lambda(:)     !! [N]
-    logical, intent(in) :: sticks
-    real(wp) :: d(size(lambda))           ! [-]
-    real(wp) :: p(most_pads), mu
-    d = 0.0_wp
-    mu = merge(self%static, self%kinetic, sticks)
-    select case (self%contact)
-    case (on_pin)
-      if (any(abs(lambda(1:2)) > 0.0_wp)) d(1:2) = mu*self%radius/size_s*lambda(1:2)/norm2(lambda(1:2))
-    case (on_line)
-      d(1) = sign(mu, lambda(1))
-    case default
-      p = sign(0.5_wp*mu, self%pads(size_s, lambda))
-      d(1:2) = [p(1) + p(2), 2*size_s/self%distance*(p(1) - p(2))]
-    end select
-  end function slope
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    real(wp) :: y(2)                      ! [N]
+    y = 0.0_wp
+    y(:self%rows) = lambda(self%first:self%first + self%rows - 1)
+  end function own
 
   !> Normal forces of the pads; a line has one, a pin none.
-  pure function pads(self, size_s, lambda) result(n)
+  pure function pads(self, lambda) result(n)
     class(coulomb_law), intent(in) :: self
-    real(wp), intent(in) :: size_s        !! [m]
-    real(wp), intent(in) :: lambda(:)     !! [N]
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
     real(wp) :: n(most_pads)              ! [N]
     n = 0.0_wp
-    if (self%contact == on_line) n(1) = lambda(1)
-    if (self%contact == on_pads) n = 0.5_wp*lambda(1) + [1, -1]*size_s/self%distance*lambda(2)
+    if (self%contact == on_line) n(1) = lambda(self%first)
+    if (self%contact == on_pads) n = 0.5_wp*lambda(self%first) + [1, -1]*self%size/self%distance*lambda(self%first + 1)
   end function pads
+
+  !> Signs of the pads' normal forces while a row slips, which it keeps as 0 to 3 in its memory.
+  pure function pad_signs(self, memory) result(s)
+    class(coulomb_law), intent(in) :: self
+    real(wp), intent(in) :: memory        !! [-]
+    real(wp) :: s(most_pads)              ! [-]
+    s = 1.0_wp - 2*[mod(nint(memory), 2), nint(memory)/2]
+  end function pad_signs
+
+  !> The same from the multipliers; those that have just fallen to zero are the opposite of before.
+  pure real(wp) function pad_code(self, lambda, before, fallen) result(memory)   ! [-]
+    class(coulomb_law), intent(in) :: self
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    real(wp), intent(in) :: before        !! [-]
+    logical, intent(in) :: fallen(most_pads)
+    memory = dot_product([1, 2], merge(1, 0, merge(self%pad_signs(before) > 0.0_wp, self%pads(lambda) < 0.0_wp, fallen)))
+  end function pad_code
+
+  !> The direction in which it slides, 0 at rest.
+  pure integer function slides(self, state)
+    class(coulomb_law), intent(in) :: self
+    integer, intent(in) :: state
+    slides = merge(sign(1, state), 0, abs(state) == row_slips)
+  end function slides
+
+  !> Part of its limit that acts: 1 where it slips.
+  pure real(wp) function share(self, state, lambda)   ! [-]
+    class(coulomb_law), intent(in) :: self
+    integer, intent(in) :: state
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    share = merge(1.0_wp, 0.0_wp, abs(lambda(self%row)) > 0.0_wp)
+    if (abs(state) /= row_slips) share = abs(lambda(self%row))/max(self%sticking_limit(lambda), tiny(1.0_wp))
+  end function share
 end module friction_law

@@ -54,6 +54,7 @@ module multipliers
     procedure :: weak_rows
     procedure :: weakest_row
     procedure :: take_off
+    procedure :: soften
     procedure :: uncouple
     procedure :: whole_product
   end type multiplier_system
@@ -104,6 +105,16 @@ contains
     self%whole = self%s
     call self%uncouple(self%s)
   end subroutine take_off
+
+  !> Rows that hold give way by part of what a unit multiplier accelerates them.
+  subroutine soften(self, creep, rows)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(in) :: creep             !! that part [-]
+    integer, intent(in) :: rows(:)
+    associate (at => self%position(rows))
+      self%s(0, at) = self%s(0, at)*(1 + creep)
+    end associate
+  end subroutine soften
 
   !> Zero between rows that are off and all others; their own entries stay.
   subroutine uncouple(self, x)
