@@ -107,11 +107,15 @@ def test_powers_and_energies_make_the_balance(run):
     assert h["e_b.strain"].max() > 0.0
 
 
-def test_the_largest_stress_is_that_of_the_element_it_names(run):
+def test_the_largest_stress_is_that_of_the_element_and_node_it_names(run):
     h = run.history
     both = np.array([h["i1.s"], h["i2.s"]])
     np.testing.assert_array_equal(h["most.s"], both.max(axis=0))
     np.testing.assert_array_equal(h["most.element"], 1 + both.argmax(axis=0))
+    ends = np.abs([h["i1.m1"], h["i1.m2"], h["i2.m1"], h["i2.m2"]]).reshape(2, 2, -1)
+    end = np.take_along_axis(ends.argmax(axis=1), both.argmax(axis=0)[None], 0)[0]
+    np.testing.assert_array_equal(h["most.node"], h["most.element"] + end)
+    assert np.ptp(end) == 1
 
 
 LINKAGE = """&scene gravity=0.0,0.0 /

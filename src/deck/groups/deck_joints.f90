@@ -129,9 +129,11 @@ contains
     call get_word(deck, 'axes', f%axes, [character(7) :: 'global', 'body', 'section'], kinds='force')
     call get(deck, 'moment', f%moment, required, kinds='torque torque_about')
     call get_pair(deck, 'centre', f%centre, required, kinds='torque_about')
-    call get_reference(deck, 'history', in_history, f%history, deck%is_given('argument'))
+    call get_reference(deck, 'history', in_history, f%history, deck%is_given('argument') .and. .not. deck%is_given('controller'))
     call get_column(deck, 'argument', f%argument%sensor, f%argument%suffix)
     call get_reference(deck, 'controller', in_controller, f%controller)
+    if (deck%is_given('argument') .and. deck%is_given('controller')) call deck%complain('argument', 'argument and controller '// &
+      'are both given, expected argument in the &controller')
     if (deck%is_given('history') .and. deck%is_given('controller')) call deck%complain('controller', 'history and controller '// &
       'are both given, expected one of them')
     call get_word(deck, 'stage', f%stage, [character(9) :: 'all', 'static', 'transient'])

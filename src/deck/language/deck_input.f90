@@ -75,7 +75,7 @@ contains
     do while (level > 0 .and. len(best) == 0)
       associate (prefix => self%parts%sources(level)%prefix)
         call self%names(kind)%nearest(prefix//name, best)
-        if (index(best, lower(prefix)) == 1) best = best(len(prefix) + 1:)
+        if (index(lower(best), lower(prefix)) == 1) best = best(len(prefix) + 1:)
       end associate
       level = self%parts%sources(level)%outer
     end do

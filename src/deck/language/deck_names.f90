@@ -12,6 +12,7 @@ module deck_names
   !> One name.
   type :: known_name
     character(name_length) :: text = ''   ! in lower case
+    character(name_length) :: shown = ''  ! as the deck writes it
     integer :: number = 0                 ! what it stands for
     integer :: group = 0                  ! the group that has it
   end type known_name
@@ -54,7 +55,7 @@ contains
       return
     end if
     self%count = self%count + 1
-    self%names(self%count) = known_name(lower(name), number, group)
+    self%names(self%count) = known_name(lower(name), name, number, group)
     self%slots(slot) = self%count
   end subroutine add
 
@@ -79,13 +80,13 @@ contains
   subroutine nearest(self, name, best)
     class(name_table), intent(inout) :: self
     character(*), intent(in) :: name                  !! misspelt name
-    character(:), allocatable, intent(out) :: best    !! known name in lower case
+    character(:), allocatable, intent(out) :: best    !! known name as the deck writes it
     integer :: k
     best = ''
     if (self%count == 0 .or. self%comparisons > most_comparisons .or. len_trim(name) > 2*name_length) return
     self%comparisons = self%comparisons + self%count
     k = nearest_word(name, self%names(:self%count)%text)
-    if (k > 0) best = trim(self%names(k)%text)
+    if (k > 0) best = trim(self%names(k)%shown)
   end subroutine nearest
 
   !> Slot of the hash table that holds a name or would take it.

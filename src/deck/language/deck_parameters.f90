@@ -126,7 +126,7 @@ contains
         call complain(group, line, shown, 'names no parameter of the '//trim(merge('deck', 'part', group == 0))//', '//best)
       else if (k > 0) then
         if (p(k)%source == group) then
-          call complain(group, line, shown, 'sets '//name//' twice, expected one value')
+          call complain(group, line, shown, 'sets '//trim(adjustl(text(:equals - 1)))//' twice, expected one value')
         else if (p(k)%source == p(k)%group) then
           p(k)%source = group
           p(k)%file = 1

@@ -155,7 +155,7 @@ contains
       suffixes = [character(suffix_length) :: '[J]']
     case ('stress')
       item = stress_sensor_model()
-      suffixes = [character(suffix_length) :: '.s[Pa]', '.element[-]']
+      suffixes = [character(suffix_length) :: '.s[Pa]', '.element[-]', '.node[-]']
     case ('energy')
       item = energy_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1))
       suffixes = [character(suffix_length) :: '.kinetic[J]', '.strain[J]', '.dissipated[J]']
