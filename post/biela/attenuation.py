@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -101,3 +102,8 @@ def causes(biela: Path, decks: list[Path]) -> int:
         if figure := loss_picture.draw(balance, transient):
             print(f"  Picture: {save(figure, folder / 'losses')}")
     return 0
+
+
+def work(args: argparse.Namespace) -> int:
+    """Run the decks or the four cases; returns 0."""
+    return causes(args.biela, args.decks) if args.decks else tabulate(args.biela)

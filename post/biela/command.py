@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import math
 import os
 import shutil
@@ -80,6 +81,25 @@ def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
     except HistoryError as fault:
         print(f"{tool}: {fault}", file=sys.stderr)
         return failed
+
+
+def program(tool: str, arguments: Callable[[], argparse.ArgumentParser], work: str, failed: int = 2) -> Callable[..., int]:
+    """Return a tool as a function of the words of its command line; what does the work is loaded once they are understood.
+
+    Args:
+        tool: its name
+        arguments: makes the parser of the words
+        work: MODULE.FUNCTION of this package, which takes what was parsed and returns the exit status
+        failed: status after a fault
+    """
+
+    def main(words: list[str] | None = None) -> int:
+        args = arguments().parse_args(words)
+        module, function = work.split(".")
+        do = getattr(importlib.import_module(f".{module}", __package__), function)
+        return attempt(tool, lambda: do(args), failed)
+
+    return main
 
 
 def missing(fault: ModuleNotFoundError) -> str:

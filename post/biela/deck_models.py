@@ -66,9 +66,7 @@ def coordinate_count(body: Group) -> int:
     return int(body.number("modes")) or len(coordinates(body))
 
 
-def changed(
-    deck: DeckText, name: str, values: dict[str, str], asked: set[str], nodes: dict[int, int] | None = None
-) -> DeckText:
+def changed(deck: DeckText, name: str, values: dict[str, str], asked: set[str], nodes: dict[int, int] | None = None) -> DeckText:
     """Return the deck with a body's values set and every reference to the body adapted.
 
     Args:

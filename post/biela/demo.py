@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,11 +129,11 @@ def mesh() -> list[str]:
     ]
 
 
-def demonstrate(biela: Path) -> int:
+def demonstrate(args: argparse.Namespace) -> int:
     """Run the demonstration and print its figures; raises HistoryError."""
-    run(biela, [deck(name) for pair in PAIRS for name in (pair.elastic, pair.viscoelastic)] + [deck(FINE)])
+    run(args.biela, [deck(name) for pair in PAIRS for name in (pair.elastic, pair.viscoelastic)] + [deck(FINE)])
     twins = [stiff_twin(pair) for pair in PAIRS]
-    run(biela, [path for path, _, _ in twins])
+    run(args.biela, [path for path, _, _ in twins])
     print("Slider-crank of Vaz, Rade & Lima: rod of two elements, 10 ms, RK4 with a step of 4 µs\n")
     drawn = []
     for pair, twin in zip(PAIRS, twins):

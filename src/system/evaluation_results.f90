@@ -217,6 +217,7 @@ contains
     integer :: k, n
     power(1) = ev%dissipated_power + sum(ev%loss)
     power(2) = ev%input_power
+    if (size(power) == 2) return     ! nothing is kept by cause: every evaluation comes here
     do k = 1, size(m%s%switching)
       power(2 + k) = ev%action(m%s%switching(k))%dissipated
     end do

@@ -29,9 +29,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Draw; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..animate import animate
-
-    return command.attempt("animate", lambda: animate(args))
+main = command.program("animate", arguments, "animate.animate")

@@ -23,9 +23,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the decks or the four cases; status 0, or 1 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..attenuation import causes, tabulate
-
-    return command.attempt("attenuation", lambda: causes(args.biela, args.decks) if args.decks else tabulate(args.biela), failed=1)
+main = command.program("attenuation", arguments, "attenuation.work", failed=1)

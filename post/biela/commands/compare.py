@@ -52,9 +52,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Compare; status 0, 1 where columns differ, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..compare import compare
-
-    return command.attempt("compare", lambda: compare(args))
+main = command.program("compare", arguments, "compare.compare")

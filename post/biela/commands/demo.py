@@ -20,9 +20,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Run the demonstration; status 0, or 1 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..demo import demonstrate
-
-    return command.attempt("demo", lambda: demonstrate(args.biela), failed=1)
+main = command.program("demo", arguments, "demo.demonstrate", failed=1)

@@ -22,9 +22,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Draw; status 0, or 2 with what is wrong on standard error."""
-    args = arguments().parse_args(words)
-    from ..draw import work
-
-    return command.attempt("draw", lambda: work(args))
+main = command.program("draw", arguments, "draw.work")

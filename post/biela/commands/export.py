@@ -27,9 +27,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Export; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..export import export
-
-    return command.attempt("export", lambda: export(args))
+main = command.program("export", arguments, "export.export")

@@ -54,9 +54,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Fit, or draw; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..fit_material import work
-
-    return command.attempt("fit_material", lambda: work(args))
+main = command.program("fit_material", arguments, "fit_material.work")

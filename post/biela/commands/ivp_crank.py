@@ -24,9 +24,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Make the table and the picture; status 0, or 1 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..ivp_crank import work
-
-    return work(args)
+main = command.program("ivp_crank", arguments, "ivp_crank.work")

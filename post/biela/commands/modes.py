@@ -25,9 +25,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Draw; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..modes import draw_all
-
-    return command.attempt("modes", lambda: draw_all(args))
+main = command.program("modes", arguments, "modes.draw_all")

@@ -23,9 +23,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Optimise; status 0, 1 where no design meets the limits, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..optimise_work import optimise
-
-    return command.attempt("optimise", lambda: optimise(args))
+main = command.program("optimise", arguments, "optimise_work.optimise")

@@ -30,9 +30,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Draw; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..plot import plot
-
-    return command.attempt("plot", lambda: plot(args))
+main = command.program("plot", arguments, "plot.plot")

@@ -28,9 +28,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Write a report; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..report import work
-
-    return command.attempt("report", lambda: work(args))
+main = command.program("report", arguments, "report.work")

@@ -23,9 +23,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Take derivatives; status 0, 1 where the design itself fails, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..sensitivity_work import sensitivity
-
-    return command.attempt("sensitivity", lambda: sensitivity(args))
+main = command.program("sensitivity", arguments, "sensitivity_work.sensitivity")

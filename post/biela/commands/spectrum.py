@@ -34,9 +34,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Draw; status 0, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..spectrum import spectrum
-
-    return command.attempt("spectrum", lambda: spectrum(args))
+main = command.program("spectrum", arguments, "spectrum.spectrum")

@@ -23,9 +23,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Sweep; status 0, 1 where every run failed, or 2 with one line on standard error."""
-    args = arguments().parse_args(words)
-    from ..sweep_work import sweep
-
-    return command.attempt("sweep", lambda: sweep(args))
+main = command.program("sweep", arguments, "sweep_work.sweep")

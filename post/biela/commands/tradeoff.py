@@ -46,9 +46,4 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def main(words: list[str] | None = None) -> int:
-    """Do what the command line asks and return the exit status."""
-    args = arguments().parse_args(words)
-    from ..tradeoff_work import work
-
-    return work(args)
+main = command.program("tradeoff", arguments, "tradeoff_work.work")
