@@ -234,18 +234,29 @@ CORNERS = """&body name='arm' mass=1.0 inertia=0.1 angular_velocity=1.0 /
 &force name='l' type='torque' body='arm' moment=1.0 history='cam' argument='b' /
 &sensor name='w' quantity='work' force='l' /
 &sensor name='e' quantity='energy' body='arm' /
+&body name='ball' mass=1.0 inertia=0.1 velocity=1.0,0.0 /
+&stop name='wall' type='position' body_a='ball' upper=0.1 stiffness=1e3 exponent=1.0 restitution=0.8 /
+&sensor name='wall' quantity='stop' stop='wall' /
 """
 
 
 @pytest.mark.parametrize(
-    "method", ["'rk4' step=1e-3", "'dopri5' tolerance=1e-6", "'radau' tolerance=1e-6", "'generalized_alpha' step=2e-3"]
+    "method",
+    [
+        "'rk4' step=1e-3",
+        "'dopri5' tolerance=1e-6 check_error=.true.",
+        "'radau' tolerance=1e-6",
+        "'generalized_alpha' step=2e-3 check_error=.true.",
+    ],
 )
-def test_checkpoints_at_corners_saturations_and_samples(method, biela, tmp_path):
-    """At 0.1 s (a corner, a sample), 0.2 s (a jump that leads to a limit) and 0.3 s (a corner), with a delay under way."""
-    deck = CORNERS + f"&transient t_end=0.4 method={method} output_step=0.01 checkpoint_interval=0.1 /\n"
+def test_checkpoints_at_corners_saturations_samples_and_a_stop(method, biela, tmp_path):
+    """At 0.1 s (a corner, a sample, a ball that strikes), 0.2 s (a jump to a limit) and 0.3 s (a corner), with a delay under way."""
+    deck = CORNERS + f"&transient t_end=0.4 method={method} output_step=0.005 checkpoint_interval=0.1 /\n"
     whole = whole_after_cuts(Runner(biela, tmp_path, deck), (0.45, 0.65, 0.9))
     rows = np.loadtxt(whole["history.txt"].decode().splitlines())
     names = [name for line in whole["history.txt"].decode().splitlines() if "columns:" in line for name in line.split()[2:]]
+    strikes = [line.split() for line in whole["events.txt"].decode().splitlines() if " wall open " in line]
+    assert abs(float(strikes[0][0]) - 0.1) < 1e-14
     limited = rows[:, names.index("c.limited[-]")]
-    assert limited[19] == 0.0
-    assert limited[22] == 1.0
+    assert limited[38] == 0.0
+    assert limited[44] == 1.0
