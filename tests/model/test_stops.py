@@ -109,6 +109,15 @@ def test_what_a_stop_dissipates_is_a_column_and_closes_the_balance(run_deck, met
     assert np.abs(energy["residual"]).max() < (2e-3 if method == "generalized_alpha" else 3e-5)
 
 
+def test_a_start_beyond_a_limit_does_not_pull_back_what_leaves(run_deck):
+    deck = SCENE + BALL.format(k=1, y=-0.01).replace("mass=2.0", "velocity=0.0,3.0 mass=2.0") + FLOOR + SENSE
+    run = run_deck(deck + "&transient t_end=0.1 method='radau' tolerance=1e-8 output_step=1e-3 /\n")
+    assert not run.history["s.f"].any()
+    assert run.history["s.state"][0] == -2
+    assert [row[2:4] for row in events_of(run)] == [("lower_free", "open")]
+    assert run.history["p.y"][-1] == pytest.approx(-0.01 + 0.3 - 0.5 * G * 0.01, rel=1e-9)
+
+
 def events_of(run):
     """Return the rows of events.txt: time, element, state before and after, speed."""
     lines = (run.folder / "events.txt").read_text(encoding="utf-8").splitlines()

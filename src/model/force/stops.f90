@@ -474,7 +474,7 @@ contains
   end subroutine stop_switch
 
   !> The state of a position that no event has led to: beyond a limit, or on it and not leaving, it touches with the speed that it
-  !> has, at least the floor.
+  !> has, at least the floor. Where it leaves so fast that the stop would pull, it has let go.
   pure subroutine stop_start(self, p, with, state, memory)
     class(stop_model), intent(in) :: self
     type(marker_states), intent(in) :: p
@@ -498,6 +498,8 @@ contains
       state = stop_open
     else
       memory = max(c%rate, self%slowest())
+      unknown%memory = memory
+      if (self%factor(c%rate, unknown) < 0.0_wp) state = sign(stop_let_go, state)
     end if
   end subroutine stop_start
 
