@@ -8,7 +8,7 @@ module event_location
   use time_stepper, only: stepper, root_values, trouble_events
   implicit none (type, external)
   private
-  public :: begin_roots, find_event, look_again, next_fall, pass_event
+  public :: begin_roots, find_event, keep_roots, look_again, next_fall, pass_event
 
   real(wp), parameter :: together = 1.0e-12_wp     !! events so near are one, of the step [-]
   real(wp), parameter :: near = 0.01_wp            !! lengths so near show how a root changes with the length, of the step [-]
@@ -59,14 +59,21 @@ contains
     call look(march, system, h, march%roots%end)
     call first_fall(march%roots%now, march%roots%end, march%roots%zero, s, k, falls)
     if (k > 0) call try_lengths(march, system, h, found, ok)
-    if (.not. ok) return
+  end subroutine find_event
+
+  !> The step that `find_event` left is going to be accepted: its roots become those of the present state.
+  subroutine keep_roots(march, system, h, found)
+    class(stepper), intent(inout) :: march
+    class(ode), intent(inout) :: system
+    real(wp), intent(in) :: h                 !! [s]
+    logical, intent(in) :: found              !! it ends at an event
     associate (r => march%roots)
       if (h > 0.0_wp) call system%note_step(h, r%now%g, r%now%rate, r%end%g, r%end%rate)
       r%now%g = r%end%g
       r%now%rate = r%end%rate
       r%pending = found
     end associate
-  end subroutine find_event
+  end subroutine keep_roots
 
   !> Tries lengths of a step of length h in which a root may fall.
   subroutine try_lengths(march, system, h, found, ok)
@@ -101,7 +108,7 @@ contains
       if (falls .and. left%h <= 0.0_wp .and. s <= together*whole) found = .true.
       if (found .and. left%h <= 0.0_wp) h = 0.0_wp
       if (found .or. trials == most_trials) exit
-      if (trials >= quick_trials .and. mod(trials, 2) == 0) s = 0.5_wp*(right(n)%h - left%h)
+      if ((trials >= quick_trials .and. mod(trials, 2) == 0) .or. .not. left%h + s > left%h) s = 0.5_wp*(right(n)%h - left%h)
       trials = trials + 1
       h = left%h + s
       march%tried = march%t + h

@@ -2,7 +2,7 @@
 !> breakpoint lies in it; it is divided where it fails or is too long for what an event has begun.
 module fixed_march
   use kinds, only: wp, ip
-  use event_location, only: find_event, look_again, pass_event
+  use event_location, only: find_event, keep_roots, look_again, pass_event
   use ode_system, only: ode
   use step_counts, only: step_count
   use time_stepper, only: stepper, step_grid, trouble_none
@@ -38,6 +38,7 @@ contains
       call self%refuse()
       return
     end if
+    if (system%roots > 0) call keep_roots(self, system, h, at_event)
     if (h > 0.0_wp) call self%accept_step(system, h)
     if (.not. at_event .and. at_stop(self, h)) call look_again(self, system)
     if (self%trouble == trouble_none .and. abs(self%tried - ends) <= 0.0_wp .and. h > 0.0_wp) call count_part(self%grid, n)

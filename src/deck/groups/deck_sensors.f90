@@ -93,7 +93,7 @@ contains
           call deck%complain('body', 'quantity='''//trim(s%quantity)//''' does not apply to '// &
             body_text(d, s%marker%body)//' with flexible=.false., which is rigid, expected flexible=.true.')
         else if (s%quantity == 'stress' .and. size(b%element_section) > 0 .and. &
-                 .not. any(d%sections(b%element_section)%fibre > 0.0_wp)) then
+                 .not. any(d%sections(pack(b%element_section, b%element_section > 0))%fibre > 0.0_wp)) then
           call deck%complain('body', 'no section of '//body_text(d, s%marker%body)//' has a shape, which a stress needs, '// &
             'expected a &section with a shape')
         else if (deck%is_set('element') .and. s%element > b%elements) then

@@ -11,7 +11,7 @@
 module adaptive_pair
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use event_location, only: begin_roots, find_event, look_again, next_fall, pass_event
+  use event_location, only: begin_roots, find_event, keep_roots, look_again, next_fall, pass_event
   use ode_system, only: ode, is_bounded
   use runge_kutta, only: explicit_stepper
   use step_control, only: step_controller
@@ -154,6 +154,8 @@ contains
     if (err >= 0.0_wp .and. err <= 1.0_wp .and. system%roots > 0) then
       call find_event(self, system, h, at_event, ok)
       if (.not. ok) err = -1.0_wp
+      if (ok .and. at_event .and. h > 0.0_wp) call measure_error(self, system, h, err)
+      if (err >= 0.0_wp .and. err <= 1.0_wp) call keep_roots(self, system, h, at_event)
     end if
     if (err < 0.0_wp .or. err > 1.0_wp) then
       self%rejected = self%rejected + 1

@@ -3,7 +3,7 @@
 module radau_stepper
   use kinds, only: wp
   use archive, only: value_archive
-  use event_location, only: find_event, look_again, next_fall, pass_event
+  use event_location, only: find_event, keep_roots, look_again, next_fall, pass_event
   use implicit_march, only: implicit_stepper, exchange_march, fixed_step, give_up, most_hopeless
   use ode_system, only: is_bounded, ode
   use radau_error, only: measure_error, removed_energy
@@ -111,6 +111,8 @@ contains
     if (error <= 1.0_wp .and. system%roots > 0) then
       call find_event(self, system, h, at_event, ok)
       if (.not. ok) error = huge(1.0_wp)
+      if (ok .and. at_event .and. h > 0.0_wp) call self%measure_step(system, error)
+      if (error <= 1.0_wp) call keep_roots(self, system, h, at_event)
     end if
     if (error > 1.0_wp) then
       self%rejected = self%rejected + 1

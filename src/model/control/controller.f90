@@ -104,6 +104,7 @@ contains
     do side = -1, 1, 2
       self%rates(:, :, side) = self%rates(:, :, 0)
       self%output(:, side) = merge(self%upper, self%lower, side > 0)*unit(n + control_parts)
+      if (maxval(abs(self%output(:, side))) >= huge(1.0_wp)) cycle      ! no limit on this side
       if (self%integral > 0 .and. self%windup_time > 0.0_wp) self%rates(self%integral, :, side) = &
         self%rates(self%integral, :, side) + (self%output(:, side) - self%wish)/self%windup_time
     end do
