@@ -21,6 +21,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import peer_scene
 from biela.plot import COLOURS
+from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).resolve().parents[2]
 BIELA = Path(os.environ.get("BIELA", "bin/biela")).resolve()
@@ -30,6 +31,8 @@ RESULTS = ROOT / "results"
 VERSION = "1.13.6"
 POINTS = 125  # instants at which deflections are compared
 ERRORS = (1e-3, 1e-4, 1e-5)
+STOP_ERROR = 1e-6  # of a column's range
+STOP_PATIENCE = 300  # times the fastest run of biela: then exudyn is given up
 
 
 def install():
@@ -100,7 +103,8 @@ def run_exudyn(model, steps):
     found = re.search(r"seconds (\S+)", done.stdout)
     if not found:
         return None
-    return float(found.group(1)), process, np.loadtxt(out, ndmin=2)[:: max(1, steps // POINTS), 1]
+    rows = np.loadtxt(out, ndmin=2)[:: max(1, steps // POINTS), 1:]
+    return float(found.group(1)), process, rows if rows.shape[1] > 1 else rows[:, 0]
 
 
 def curve(run, model, steps, reference):
@@ -233,6 +237,91 @@ def chain_seconds(program, links, steps):
     return march_seconds(WORK / "chain")
 
 
+def stops_deck(name, settings):
+    """The deck of a scene with stops."""
+    links, limit, end = peer_scene.STOPS[name]
+    half = peer_scene.LINK / 2
+    text = "&scene gravity=0.0,-9.81 /\n"
+    for k in range(links):
+        other = f"body_b='b{k - 1}' " if k else ""
+        text += f"&body name='b{k}' mass=1.0 inertia={peer_scene.LINK**2 / 12:.17g} position={(2 * k + 1) * half:.17g},0.0 /\n"
+        text += f"&joint name='j{k}' type='revolute' body_a='b{k}' point_a={-half},0.0 {other}point_b={half if k else 0.0},0.0 /\n"
+        text += f"&stop name='s{k}' type='rotation' body_a='b{k}' {other}lower={-limit} upper={limit} "
+        text += f"stiffness={peer_scene.STIFFNESS} exponent=1 /\n"
+    tip = f"body='b{links - 1}' point={half},0.0 /\n"
+    text += f"&sensor name='p' quantity='position' {tip}&sensor name='v' quantity='velocity' {tip}"
+    text += f"&sensor name='a' quantity='angle' body='b{links - 1}' /\n"
+    return text + f"&transient t_end={end} {settings} output_step={end / POINTS:.16g} /\n"
+
+
+def stops_truth(name):
+    """Rows of the same columns by DOP853 on the angles of the links: no program of ours, and none of theirs."""
+    links, limit, end = peer_scene.STOPS[name]
+    length = peer_scene.LINK
+    beyond = links - 1 - np.maximum.outer(np.arange(links), np.arange(links))  # links that both move
+    inertia = length**2 * (beyond + np.where(np.eye(links) > 0, 0.25 + 1 / 12, 0.5))
+    weight = 9.81 * length * (links - 0.5 - np.arange(links))
+
+    def rates(_, s):
+        angle, rate = s[:links], s[links:]
+        turn = np.subtract.outer(angle, angle)
+        bend = np.diff(angle, prepend=0.0)
+        push = peer_scene.STIFFNESS * (np.maximum(bend - limit, 0.0) - np.maximum(-bend - limit, 0.0))
+        moment = np.append(push[1:], 0.0) - push - weight * np.cos(angle) - (inertia * np.sin(turn)) @ rate**2
+        return np.append(rate, np.linalg.solve(inertia * np.cos(turn), moment))
+
+    times = np.linspace(0.0, end, POINTS + 1)
+    s = solve_ivp(rates, (0.0, end), np.zeros(2 * links), "DOP853", times, rtol=1e-12, atol=1e-13, max_step=end / 2000).y
+    angle, rate = s[:links], s[links:]
+    along = [length * (f(angle) * g).sum(0) for f, g in ((np.cos, 1), (np.sin, 1), (np.sin, -rate), (np.cos, rate))]
+    return np.column_stack([*along, angle[-1]])
+
+
+def run_stops(program, name, setting):
+    """Seconds of the solver and the largest error of a column over its range; None where the run fails."""
+    if program == "exudyn":
+        found = run_exudyn((name, 0), setting)
+        rows = found and found[2]
+    else:
+        (WORK / "stops.nml").write_text(stops_deck(name, setting))
+        done = subprocess.run([str(BIELA), "--quiet", "--output", str(WORK / "stops"), str(WORK / "stops.nml")], check=False)
+        found = None if done.returncode else (march_seconds(WORK / "stops"),)
+        rows = found and np.loadtxt(WORK / "stops" / "history.txt")[:, 1:]
+    return found and (found[0], rows)
+
+
+def stops(report):
+    """Scenes with stops: each program's fastest setting whose columns all err by at most 1e-6 of their range."""
+    report.add()
+    report.add(f"stops, linear and without loss: largest error of a column (end's position, velocity, angle) at {POINTS} instants")
+    asked = {
+        "biela": [f"method='{m}' tolerance={t}" for m in ("dopri5", "radau") for t in (1e-6, 3e-7, 1e-7, 3e-8, 1e-8)],
+        "exudyn": [POINTS * 2**k for k in range(3, 16)],
+    }
+    for name in peer_scene.STOPS:
+        truth, best = stops_truth(name), {}
+        for program, settings in asked.items():
+            for setting in settings:
+                found = run_stops(program, name, setting)
+                if found is None:
+                    continue
+                error = (np.abs(found[1] - truth).max(0) / np.ptp(truth, axis=0)).max()
+                report.add(f"{name}, {program}, {setting}: error {error:.1e}, {found[0] * 1e3:.2f} ms")
+                if error <= STOP_ERROR and (program not in best or found[0] < best[program][0]):
+                    best[program] = found[0], setting
+                if program == "exudyn" and (error <= STOP_ERROR or found[0] > STOP_PATIENCE * best["biela"][0]):
+                    break
+        if "exudyn" not in best:
+            report.add(f"{name}: exudyn does not get there in {STOP_PATIENCE} times biela's {best['biela'][0] * 1e3:.2f} ms")
+            continue
+        seconds = {p: sorted(run_stops(p, name, s)[0] for _ in range(5))[2] for p, (_, s) in best.items()}
+        ratio = seconds["exudyn"] / seconds["biela"]
+        report.add(
+            f"{name}: biela {best['biela'][1]} {seconds['biela'] * 1e3:.2f} ms, exudyn {best['exudyn'][1]} steps "
+            f"{seconds['exudyn'] * 1e3:.2f} ms, medians of five: {ratio:.0f} times"
+        )
+
+
 def family(label):
     """Name, colour, marker and line of what a curve belongs to: meshes and numbers of modes of one family look alike."""
     if label.startswith("exudyn"):
@@ -313,6 +402,7 @@ def main():
     )
     nodal_steps(report, many)
     chains(report)
+    stops(report)
     (RESULTS / "peer.txt").write_text("\n".join(report.lines) + "\n")
     picture([("2 elements; exudyn: ANCF", two), ("2 elements, floating frames", frame), ("32 elements, any model", many)])
     print("written: results/peer.txt, results/peer.png")

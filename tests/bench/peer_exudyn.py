@@ -1,8 +1,8 @@
 """One run of exudyn 1.13.6, in its own environment: python peer_exudyn.py SCENE SIZE STEPS NEWTON OUTPUT.
 
-SCENE is cable (ANCF Cable2D), frame (floating frame of reference with Hermite functions) or chain (rigid 2D bodies), SIZE
-its elements or links, NEWTON full or modified. Prints the seconds that the solver alone took of the processor; OUTPUT
-receives time and mid-rod deflection, one row a step.
+SCENE is cable (ANCF Cable2D), frame (floating frame of reference with Hermite functions), chain (rigid 2D bodies) or the name of
+one with stops, SIZE its elements or links, NEWTON full or modified. Prints the seconds that the solver alone took of the
+processor; OUTPUT receives time and mid-rod deflection (with stops: position, velocity and angle of the end), one row a step.
 """
 
 import math
@@ -14,6 +14,7 @@ import numpy as np
 from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from exudyn.itemInterface import (
     CoordinateConstraint,
+    CoordinateSpringDamperExt,
     DistanceConstraint,
     Force,
     GenericJoint,
@@ -25,6 +26,7 @@ from exudyn.itemInterface import (
     MarkerNodePosition,
     MarkerNodeRigid,
     MarkerSuperElementPosition,
+    NodeGenericData,
     NodePoint2DSlope1,
     NodePointGround,
     NodeRigidBody2D,
@@ -33,10 +35,11 @@ from exudyn.itemInterface import (
     ObjectJointRevolute2D,
     ObjectJointSpherical,
     ObjectRigidBody2D,
+    SensorBody,
     SensorNode,
     SensorSuperElement,
 )
-from peer_scene import AREA, CRANK, DENSITY, END, FORCE, INERTIA, LENGTH, LINK, YOUNG, crank_end, rod_angle
+from peer_scene import AREA, CRANK, DENSITY, END, FORCE, INERTIA, LENGTH, LINK, STIFFNESS, STOPS, YOUNG, crank_end, rod_angle
 
 
 def crank(mbs, end):
@@ -160,9 +163,10 @@ def frame(mbs, elements):
     return deflection
 
 
-def chain(mbs, links):
-    """A pendulum of rigid links let go from the horizontal."""
+def chain(mbs, links, limit=0.0):
+    """A pendulum of rigid links let go from the horizontal, with a stop in each joint where a limit is given."""
     ground = mbs.AddObject(ObjectGround())
+    before = mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=mbs.AddNode(NodePointGround()), coordinate=0))
     far = mbs.AddMarker(MarkerBodyPosition(bodyNumber=ground, localPosition=[0, 0, 0]))
     for k in range(links):
         node = mbs.AddNode(NodeRigidBody2D(referenceCoordinates=[(k + 0.5) * LINK, 0, 0]))
@@ -171,16 +175,40 @@ def chain(mbs, links):
         mbs.AddObject(ObjectJointRevolute2D(markerNumbers=[far, near]))
         mbs.AddLoad(LoadMassProportional(markerNumber=mbs.AddMarker(MarkerBodyMass(bodyNumber=body)), loadVector=[0, -9.81, 0]))
         far = mbs.AddMarker(MarkerBodyPosition(bodyNumber=body, localPosition=[LINK / 2, 0, 0]))
-    return lambda: (np.zeros(1), np.zeros(1))
+        if limit:
+            turn = mbs.AddMarker(MarkerNodeCoordinate(nodeNumber=node, coordinate=2))
+            state = mbs.AddNode(NodeGenericData(numberOfDataCoordinates=3, initialCoordinates=[0, 0, 0]))
+            mbs.AddObject(
+                CoordinateSpringDamperExt(
+                    markerNumbers=[before, turn], nodeNumber=state, useLimitStops=True, limitStopsUpper=limit,
+                    limitStopsLower=-limit, limitStopsStiffness=STIFFNESS,
+                )
+            )
+            before = turn
+    if not limit:
+        return lambda: (np.zeros(1), np.zeros(1))
+    kinds = exu.OutputVariableType
+    end = {"bodyNumber": body, "localPosition": [LINK / 2, 0, 0], "storeInternal": True}
+    sensors = [mbs.AddSensor(SensorBody(**end, outputVariableType=kind)) for kind in (kinds.Position, kinds.Velocity)]
+    sensors.append(mbs.AddSensor(SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=kinds.Coordinates)))
+
+    def motion():
+        place, speed, angle = (mbs.GetSensorStoredData(k) for k in sensors)
+        return place[:, 0], np.column_stack([place[:, 1:3], speed[:, 1:3], angle[:, 3]])
+
+    return motion
 
 
 def main():
     """Builds, solves, prints the seconds of the solver alone."""
     scene, size, steps, newton, output = sys.argv[1], int(sys.argv[2]), int(sys.argv[3]), sys.argv[4], sys.argv[5]
     end = END if scene != "chain" else 1.0e-4 * steps
+    limit = 0.0
+    if scene in STOPS:
+        size, limit, end = STOPS[scene]
     system = exu.SystemContainer()
     mbs = system.AddSystem()
-    result = {"cable": cable, "frame": frame, "chain": chain}[scene](mbs, size)
+    result = chain(mbs, size, limit) if limit else {"cable": cable, "frame": frame, "chain": chain}[scene](mbs, size)
     mbs.Assemble()
     settings = exu.SimulationSettings()
     settings.timeIntegration.numberOfSteps = steps

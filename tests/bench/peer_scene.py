@@ -8,6 +8,8 @@ START = math.pi / 6  # the crank's angle [rad]
 FORCE = (-30.0, 50.0)  # on the crank's end [N]
 END = 0.01  # [s]
 LINK = 0.1  # of the chain [m]
+STIFFNESS = 200.0  # of a stop [Nm/rad]
+STOPS = {"arm on a stop": (1, 0.5, 1.0), "chain of 20 stops": (20, 0.15, 0.3)}  # links, limits of their angles [rad], end [s]
 
 
 def crank_end():
