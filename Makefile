@@ -112,6 +112,7 @@ bench-peer: tests/bench/peer.py $(BIELA) $(VENV)            ## against exudyn, s
 extremes: tests/extremes/extremes.py $(BIELA) $(VENV)       ## numerical stability at the extremes: a report
 	@BIELA=$(BIELA) $(RUN) $<
 	@BIELA=$(BIELA) BOUND_SCENES=200 $(RUN) -m pytest -q -n $(JOBS) tests/steps/test_turning_springs.py tests/steps/test_bound_laws.py
+	@BIELA=$(BIELA) $(RUN) tests/extremes/friction_shares.py
 	@BIELA=$(BIELA) ERROR_SCENES=100 $(RUN) -m pytest -q -s tests/dynamics/test_dopri5_scenes.py
 	@BIELA=$(BIELA) $(RUN) -m pytest -q -n $(JOBS) -m long tests
 fuzz: tests/fuzz/fuzz.py debug sanitize $(VENV)   ## FUZZ_CASES=2000 decks of all kinds, FUZZ_SEED=1, against both checked builds

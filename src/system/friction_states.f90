@@ -1,6 +1,7 @@
 !> Which joints with friction stick, which slip: the resting set of a position, by passes (theory.md, section 13). All joints at
 !> rest stick first. A share beyond its static limit is taken off: its joint slips, or is carried at its limit where the others hold
-!> it all the same. Where a joint at rest is accelerated by rows that always hold (a dead centre, a drive), it slips with them.
+!> it all the same. Where joints share the load, corners of what the shares may be are tried last. Where a joint at rest is
+!> accelerated by rows that always hold (a dead centre, a drive), it slips with them.
 module friction_states
   use kinds, only: wp
   use dynamics, only: evaluate_motion, motion_state
@@ -16,6 +17,7 @@ module friction_states
   real(wp), parameter :: reached = 1.0e-6_wp     !! a share so near to its limit is there after an event that says so [-]
   integer, parameter :: most_levels = 16         !! tenths of the creep before, from 10 to rounding
   integer, parameter :: most_passes = 10         !! of a level
+  integer, parameter :: most_shared = 6          !! rows of which all choices are tried
 
 contains
 
@@ -122,9 +124,11 @@ contains
     logical, intent(out) :: ok
     real(wp) :: over(size(rests))                ! of rows that stick: share of the limit where it is beyond it, else 0 [-]
     integer :: way(size(rests))                  ! in which those that do not stick move against the law, else 0
+    integer :: start(size(rests))
     logical :: spent(size(rests))
     integer :: pass
     if (ev%schur%singular .and. .not. m%redundant) call sort_dependent(m, ev, at, rests)
+    start = ev%switches%state(number(m, 1):)
     spent = .false.
     do pass = 1, 4*size(rests) + 4
       call judge(m, ev, rests, breaks, spent, way, over)
@@ -142,7 +146,48 @@ contains
       end if
       call look(m, ev, at)
     end do
+    ok = ok .and. .not. ev%broken
+    if (.not. ev%switches%shared) return
+    associate (state => ev%switches%state(number(m, 1):))
+      if (.not. ok .or. any(rests .and. abs(state) == row_slips)) call find_shares(m, ev, at, rests, start, any(breaks), ok)
+    end associate
   end subroutine settle
+
+  !> Where rows at rest share the load and the passes have not found how: all choices of rows that take their limits, which are
+  !> the corners of what the shares may be. Else the states stay as they are.
+  subroutine find_shares(m, ev, at, rests, start, breaks, ok)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(motion_state), intent(in) :: at
+    logical, intent(in) :: rests(:)              !! (rows that switch)
+    integer, intent(in) :: start(:)              !! (rows that switch) states in which all that may stick do
+    logical, intent(in) :: breaks                !! one of them was at its limit, to rounding
+    logical, intent(inout) :: ok                 !! states are found
+    real(wp) :: over(size(rests))                ! [-]
+    integer, dimension(size(rests)) :: way, found
+    logical :: limits(size(rests)), none(size(rests))
+    integer, parameter :: either(0:2) = [row_stuck, row_carried, -row_carried]
+    integer, allocatable :: sticks(:)
+    integer :: k, choice
+    none = .false.
+    limits = breaks
+    sticks = pack([(k, k=1, size(rests))], rests .and. start == row_stuck)
+    if (size(sticks) > most_shared) return
+    associate (state => ev%switches%state(number(m, 1):))
+      found = state
+      do choice = 1, 3**size(sticks) - 1
+        state = start
+        state(sticks) = either(mod(choice/[(3**(k - 1), k=1, size(sticks))], 3))
+        call look(m, ev, at)
+        call judge(m, ev, rests, limits, none, way, over)
+        if (ev%broken .or. any(way /= 0) .or. any(over > 0.0_wp)) cycle
+        ok = .true.
+        return
+      end do
+      state = found
+    end associate
+    call look(m, ev, at)
+  end subroutine find_shares
 
   !> Where several rows are beyond their limits: what each one alone would do is no guide to what they do together. Rows that stick
   !> give way, a = creep S_tt f, ever less: with much of that each one is judged by its own load, and states change on the way to

@@ -25,12 +25,13 @@ contains
   subroutine slip_multipliers(m, ev)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    real(wp), dimension(size(ev%lambda)) :: b, x, f, before   ! [m/s2], [N]
+    real(wp), dimension(size(ev%lambda)) :: b, x, free, f, before   ! [m/s2], [N]; without friction
     real(wp) :: change, last
     integer :: pass
     b = ev%lambda
     x = b
     call ev%schur%solve(x)
+    free = x
     call friction(m, ev, x, f)
     last = huge(1.0_wp)
     do pass = 1, most_passes
@@ -43,6 +44,8 @@ contains
       change = maxval(abs(f - before))
       if (change <= settled*maxval(abs(f))) exit
       if (change > slow*last .and. change > 64*settled*maxval(abs(f))) then
+        x = free                                 ! c is convex: from here the way to a single row's limit is monotone
+        call friction(m, ev, x, f)
         call newton(m, ev, b, x, f)
         exit
       end if

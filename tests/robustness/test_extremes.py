@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "extremes"))
 import extreme_factors as factors
 import extreme_implicit as implicit
 import extreme_measures
+import friction_shares
 from extreme_cases import judge
 from extreme_mixtures import implicit_mixture, mixture
 from extremes import picture_of_factors, text
@@ -55,6 +56,14 @@ def test_every_case_of_the_implicit_methods_is_as_stated(family, method, biela):
     assert biela.exists()
     rows = [judge(case) for case in family(method)]
     assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
+
+
+@pytest.mark.parametrize("number", [9, 31, 40])
+def test_friction_holds_where_a_search_finds_shares(number, biela):
+    assert biela.exists()
+    _, found, excess = friction_shares.judge(number)
+    assert found == ("held" if number > 9 else "moves")
+    assert (excess < -0.1) == (found == "held")
 
 
 def test_poles_far_above_the_motion_take_steps_of_the_motion_with_radau(biela):
