@@ -379,7 +379,7 @@ def stopped(command, folder):
     shutil.rmtree(folder / "results", ignore_errors=True)
     job = subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL)
     wait_for(folder / "results" / "scene" / "history.txt", job)
-    time.sleep(0.1)
+    time.sleep(0.03)
     job.send_signal(signal.SIGINT)
     status = job.wait(timeout=TIMEOUT)
     assert status in (0, 128 + signal.SIGINT)
@@ -388,7 +388,7 @@ def stopped(command, folder):
 
 def test_an_interrupted_run_continues_bit_for_bit(biela, tmp_path):
     deck = (REFERENCE / "four_bar" / "deck.nml").read_text(encoding="utf-8").split("&transient")[0]
-    deck += march("t_end=0.15 step=2e-6 output_step=4e-4")
+    deck += march("t_end=0.05 step=2e-6 output_step=4e-4")
     texts = []
     for interrupted in (False, True):
         folder = tmp_path / str(interrupted)

@@ -30,6 +30,8 @@ def commands(page: str) -> list[str]:
 def clone(biela, tmp_path, monkeypatch):
     """Return a folder with what the commands use, as a clone has it once it is built; the working folder."""
     shutil.copytree(ROOT / "input", tmp_path / "input")
+    catalogue = tmp_path / "input" / "studies" / "tubes.csv"  # a search row by row: three of its rows, for the test's time
+    catalogue.write_text("".join(catalogue.read_text().splitlines(keepends=True)[i] for i in (0, 3, 6, 9)))
     (tmp_path / "post").symlink_to(ROOT / "post")
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin" / "biela").symlink_to(biela)

@@ -94,7 +94,7 @@ def test_decks_end_when_the_process_that_started_them_is_killed(biela, tmp_path)
         wait_for(tmp_path / "results" / name / "energy.txt", process)
     process.kill()
     process.wait(timeout=TIMEOUT)
-    until = time.monotonic() + 10
+    until = time.monotonic() + TIMEOUT
     while list(tmp_path.glob("results/*/.lock")) and time.monotonic() < until:
         time.sleep(0.02)
     for name in ("d0", "d1"):
