@@ -32,7 +32,7 @@ VERSION = "1.13.6"
 POINTS = 125  # instants at which deflections are compared
 ERRORS = (1e-3, 1e-4, 1e-5)
 STOP_ERROR = 1e-6  # of a column's range
-STOP_PATIENCE = 300  # times the fastest run of biela: then exudyn is given up
+STOP_PATIENCE = 100  # times the fastest run of biela: then exudyn is given up
 
 
 def install():
