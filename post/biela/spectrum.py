@@ -20,6 +20,7 @@ from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
 from .result_files import HistoryError
 
 LEAST = 16  # rows that a spectrum needs
+WHOLE = 2  # periods in the run that a peak needs: below, within the window's main lobe, stands what drifts
 SEEN = 1.0e-3  # share of the largest amplitude below which a frequency does not extend the axis
 SMALL = 0.05  # share of the largest peak below which amplitudes are drawn logarithmically
 EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
@@ -51,9 +52,9 @@ def density(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def peaks(size: np.ndarray, most: int) -> list[int]:
-    """Return the indices of the largest peaks, those below a hundredth of the largest left out."""
+    """Return the indices of the largest peaks; left out are those of drifts and those below a hundredth of the largest."""
     found, _ = signal.find_peaks(size, height=0.01 * size[1:].max() if size.size > 1 else 0.0)
-    return sorted(sorted(found, key=lambda k: -size[k])[:most])
+    return sorted(sorted(found[found >= WHOLE], key=lambda k: -size[k])[:most])
 
 
 def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

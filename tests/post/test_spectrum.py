@@ -34,6 +34,10 @@ def test_a_tone_has_its_frequency_and_amplitude(run):
     k = int(np.argmax(size))
     assert frequency[k] == pytest.approx(12.5, abs=0.13)
     assert size[k] == pytest.approx(0.7, rel=1.0e-2)
+    drifting = history["tone"] + np.exp(history.time)
+    _, size = spectrum.amplitudes(history.time, drifting)
+    assert np.argmax(size) == 1, "a drift stands in the lowest bin"
+    assert spectrum.peaks(size, 3)[0] == k
     band, power = spectrum.density(history.time, history["tone"])
     assert np.trapezoid(power, band) == pytest.approx(0.7**2 / 2.0, rel=2.0e-2)
 
