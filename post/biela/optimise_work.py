@@ -26,6 +26,7 @@ EVERY_CHOICE = 64  # combinations of the lists, each of which is searched
 SPREAD = 2.0  # sigma of the distance within which a better place of the sample rules a start out
 ACTIVE = 1.0e-4  # distance from a limit at which it holds the optimum back, of the value's size; or the error of its run
 POLL = (0.05, 2.0e-4)  # first and last step of polls, in parts of the ranges
+NEAR = 5.0  # steps within which runs say where a wall is
 EXCHANGES = 20  # rounds in which one list after the other is tried
 
 
@@ -268,8 +269,9 @@ def _slopes_of_extremes(runs: DesignRuns, found: Optimum) -> list[np.ndarray]:
 
 
 def _go_on(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Go on from an optimum whose slope is not explained: by differences on both sides, then by polls, which need no slope."""
-    for attempt in (_search_by_both_sides, _poll):
+    """Go on from an optimum whose slope is not explained: by differences on both sides, then by polls; by these alone at a wall."""
+    walled = found.slopes is not None and _beside_a_wall(runs, space, found, found.units, POLL[0])[1].any()
+    for attempt in (_poll,) if walled else (_search_by_both_sides, _poll):
         left, error = found.residual
         if left <= max(3.0 * error, 1.0e-3):
             return
@@ -287,17 +289,54 @@ def _search_by_both_sides(runs: DesignRuns, space: Space, found: Optimum) -> Non
 
 
 def _poll(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Try designs around the best one in drawn directions, ever nearer: where runs fail, or at a kink, no slope leads on."""
+    """Try designs around the best one, ever nearer: where runs fail, or at a kink, the slope alone leads nowhere.
+
+    The runs nearby have the slope and the plane between those that failed and those that did not. The best way lies in that plane,
+    a little inside of it; one of two drawn ways that do not go uphill is tried beside it.
+    """
     generator, step, count = np.random.default_rng(0), POLL[0], len(space.free)
     units, merit = found.units, found.goal.merit(found.best)
     while step >= POLL[1]:
-        turned = [np.linalg.qr(generator.normal(size=(count, count)))[0].T for _ in range(2)]
-        places = [np.clip(units + step * sign * way, 0.0, 1.0) for way in np.vstack(turned) for sign in (1.0, -1.0)]
+        slope, inside = _beside_a_wall(runs, space, found, units, step)
+        along = slope @ inside * inside - slope if slope @ inside > 0.0 else -slope
+        along = along / (np.linalg.norm(along) or 1.0)
+        drawn = np.linalg.qr(generator.normal(size=(count, count)))[0].T[:2]
+        ways = [along + share * inside for share in (0.0, 0.3)] + [-np.sign(slope @ way or 1.0) * way for way in drawn]
+        places = [np.clip(units + step * way, 0.0, 1.0) for way in ways]
         merits = [found.goal.merit(one) for one in runs.of([space.point(place, found.choice) for place in places])]
         k = min(range(len(places)), key=lambda k: merits[k])
         step *= 0.5
         if merits[k] < merit:
-            units, merit, step = places[k], merits[k], min(4.0 * step, POLL[0])
+            units, merit, step = places[k], merits[k], min(2.0 * step, POLL[0])
+
+
+def _beside_a_wall(runs: DesignRuns, space: Space, found: Optimum, units: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the unit slope of the objective and the unit normal into the side where runs do not fail, from the runs nearby.
+
+    The normal is zero where no run nearby has failed. The plane has the largest margin (a linear programme).
+    """
+    from scipy.optimize import linprog
+
+    goal, count = found.goal, len(units)
+    placed = [(_place(space, one), one) for one in runs.made]
+    near = [(place - units, one) for (place, choice), one in placed
+            if choice == found.choice and np.linalg.norm(place - units) <= NEAR * step]  # fmt: skip
+    good = [(way, goal.sign * one.values[goal.column]) for way, one in near if one.ok]
+    bad = [way for way, one in near if not one.ok]
+    reach = np.array([space.slope(k, unit) for k, unit in enumerate(found.units)])
+    slope = goal.sign * found.slopes.values[goal.column] * reach
+    if len(good) > count:
+        ways, values = np.array([way for way, _ in good]), np.array([value for _, value in good])
+        fitted = np.linalg.lstsq(ways - ways.mean(axis=0), values - values.mean(), rcond=1.0e-3)
+        slope = fitted[0] if fitted[2] == count else slope
+    slope = np.nan_to_num(slope)
+    normal = np.zeros(count)
+    if bad:
+        rows = [[*-way / step, -1.0, 1.0] for way, _ in good] + [[*way / step, 1.0, 1.0] for way in bad]
+        bounds = [(-1.0, 1.0)] * count + [(None, None), (None, None)]
+        plane = linprog([0.0] * (count + 1) + [-1.0], A_ub=rows, b_ub=np.zeros(len(rows)), bounds=bounds)
+        normal = plane.x[:count] if plane.status == 0 else normal
+    return slope / (np.linalg.norm(slope) or 1.0), normal / (np.linalg.norm(normal) or 1.0)
 
 
 def report(found: Optimum, runs: DesignRuns) -> list[str]:

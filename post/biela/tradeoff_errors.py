@@ -110,11 +110,11 @@ def rounding_columns(outcome: Outcome, sizes: dict[str, float]) -> list[str]:
 
 
 def is_state(name: str) -> bool:
-    """Return whether a column holds 0 and 1 alone, or a share that jumps as they do: of a stop, or of a joint with friction.
+    """Return whether a column counts or jumps: states of stops, friction and limits, shares, the place of the largest stress.
 
     An event between two rows is wrong by all of the range there, however small the error of its time.
     """
-    return name.endswith((".state", ".share"))
+    return name.endswith((".state", ".share", ".limited", ".element", ".node"))
 
 
 def truth_of(outcome: Outcome, compared: Compared, uncertainty: float = 0.0, words: str = "") -> Truth:

@@ -146,7 +146,8 @@ def test_what_is_damaged_is_told_in_few_words(whole, tmp_path, biela, number):
     wrong = f"{name} {file.name} seed {1000 * SEED + number}\n{said.stderr}"
     assert said.returncode in (0, 1, 2), wrong
     assert "Traceback" not in said.stderr, wrong
-    assert len([line for line in said.stderr.splitlines() if "warning" not in line.lower()]) <= 8, wrong
+    own = [line for line in said.stderr.splitlines() if "warning" not in line.lower() and "deck.nml:" not in line]
+    assert len(own) <= 3, wrong  # beside the solver's list of all faults of a deck
     if said.returncode == 2:
         assert said.stderr.strip(), wrong
     assert not list(Path(folder).glob("**/*.new")), wrong

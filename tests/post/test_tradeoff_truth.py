@@ -257,8 +257,9 @@ def test_an_error_that_is_not_split_leaves_a_note(study, monkeypatch, fault, why
 def test_columns_of_rounding_are_not_compared_unless_they_are_asked_for():
     """Beside a motion of the same unit, or of the scene's size; where all are rounding all are kept."""
     small = 1.0e-15 * np.sin(50.0 * TIMES)
-    run = outcome(TIMES, 1.0 * (TIMES[1] < TIMES), names=("a.x", "pad.state"))
-    assert tradeoff_errors.truth_of(run, Compared({})).names == ("a.x",)
+    for state in ("pad.state", "servo.limited", "most.node"):
+        run = outcome(TIMES, 1.0 * (TIMES[1] < TIMES), names=("a.x", state))
+        assert tradeoff_errors.truth_of(run, Compared({})).names == ("a.x",)
     run = outcome(TIMES, small, names=("a.x", "a.y"))
     assert tradeoff_errors.rounding_columns(run, {}) == ["a.y"]
     assert tradeoff_errors.truth_of(run, Compared({})).names == ("a.x",)

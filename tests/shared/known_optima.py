@@ -167,7 +167,7 @@ PROBLEMS = {
         23247.7856,
     ),
     "absorber, equal peaks": Problem(_absorber, {"ratio": (0.8, 1.1), "damping": (0.02, 0.4)}, "min f", (), 6.4078, 1.0e-3),
-    "runs that fail": Problem(_holes, {"x": (-1, 2), "y": (-1, 2)}, "min f", (), 2.0 / 3.0, 0.02),
+    "runs that fail": Problem(_holes, {"x": (-1, 2), "y": (-1, 2)}, "min f", (), 2.0 / 3.0, 2.0e-3),
 }
 
 
