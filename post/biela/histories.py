@@ -13,7 +13,7 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -238,6 +238,17 @@ def still_columns(figures: dict) -> dict[str, float] | None:
     return {name.partition("[")[0]: value for name, value in figures["transient"].get("still_columns", {}).items()}
 
 
+class MissingFigureError(HistoryError, KeyError):
+    """A summary does not have what the solver writes."""
+
+    __str__ = HistoryError.__str__
+
+
+class _Figures(dict):
+    def __missing__(self, name: str) -> NoReturn:
+        raise MissingFigureError(f"summary.json has no {name!r} where the solver writes it: damaged, or of another version")
+
+
 def read_summary(folder: str | Path) -> dict:
     """Read the figures of a run, summary.json of its results folder (input/README.md says what they mean).
 
@@ -246,7 +257,7 @@ def read_summary(folder: str | Path) -> dict:
     """
     path = Path(folder) / "summary.json"
     try:
-        found = json.loads(path.read_text(encoding="utf-8", errors="replace"))
+        found = json.loads(path.read_text(encoding="utf-8", errors="replace"), object_hook=_Figures)
     except FileNotFoundError:
         raise HistoryError(f"{path}: no such file (has the run been made?)") from None
     except (OSError, ValueError) as fault:

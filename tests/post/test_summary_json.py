@@ -11,9 +11,9 @@ import subprocess
 import pytest
 from biela.commands import draw, export, plot, report
 from biela.deck_runs import Outcome
-from biela.histories import still_columns
+from biela.histories import read_summary, still_columns
 from biela.plot import chosen_columns
-from biela.result_files import note
+from biela.result_files import HistoryError, note
 from biela.tradeoff_errors import Compared, truth_of
 from conftest import ROOT
 
@@ -78,6 +78,14 @@ def test_a_run_that_fails_says_so_with_its_status(run_deck):
     found = figures(run.folder)
     assert found["status"] == 1
     assert f"outcome: {found['outcome']}" in run.summary
+
+
+def test_a_figure_that_a_damaged_summary_lacks_is_named(tmp_path):
+    (tmp_path / "summary.json").write_text('{"modes": {"count": 3}}')
+    found = read_summary(tmp_path)
+    assert found["modes"].get("poles") is None
+    with pytest.raises(HistoryError, match="has no 'poles' where the solver writes it"):
+        found["modes"]["poles"]
 
 
 def test_warnings_are_listed(run_deck):
