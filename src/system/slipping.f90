@@ -25,27 +25,23 @@ contains
   subroutine slip_multipliers(m, ev)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    real(wp), dimension(size(ev%lambda)) :: b, x, free, f, before   ! [m/s2], [N]; without friction
-    real(wp) :: change, last
+    real(wp), dimension(size(ev%lambda)) :: b, x, free, f   ! [m/s2], [N]; without friction
+    real(wp) :: change, last, strongest
     integer :: pass
     b = ev%lambda
     x = b
     call ev%schur%solve(x)
     free = x
-    call friction(m, ev, x, f)
+    f = 0.0_wp
+    call friction(m, ev, x, f, change, strongest)
     last = huge(1.0_wp)
-    do pass = 1, most_passes
-      if (.not. any(abs(f) > 0.0_wp)) exit
-      x = b
-      call ev%schur%whole_product(f, x)
-      call ev%schur%solve(x)
-      before = f
-      call friction(m, ev, x, f)
-      change = maxval(abs(f - before))
-      if (change <= settled*maxval(abs(f))) exit
-      if (change > slow*last .and. change > 64*settled*maxval(abs(f))) then
+    do pass = 1, merge(most_passes, 0, strongest > 0.0_wp)
+      call ev%schur%solve_beside(b, f, x)
+      call friction(m, ev, x, f, change, strongest)
+      if (change <= settled*strongest) exit
+      if (change > slow*last .and. change > 64*settled*strongest) then
         x = free                                 ! c is convex: from here the way to a single row's limit is monotone
-        call friction(m, ev, x, f)
+        call friction(m, ev, x, f, change, strongest)
         call newton(m, ev, b, x, f)
         exit
       end if
@@ -60,17 +56,24 @@ contains
     ev%rows%strongest = maxval(abs(ev%lambda))
   end subroutine slip_multipliers
 
-  !> The friction of all rows that are off.
-  pure subroutine friction(m, ev, lambda, f)
+  !> The friction of all rows that are off; others have none.
+  pure subroutine friction(m, ev, lambda, f, change, strongest)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: lambda(:)                !! [N]
-    real(wp), intent(out) :: f(:)                    !! (rows) [N]
+    real(wp), intent(inout) :: f(:)                  !! (rows) [N]
+    real(wp), intent(out) :: change                  !! the largest [N]
+    real(wp), intent(out) :: strongest               !! the largest [N]
+    real(wp) :: before                               ! [N]
     integer :: k
-    f = 0.0_wp
+    change = 0.0_wp
+    strongest = 0.0_wp
     do k = 1, size(m%s%friction)
       associate (law => m%s%friction(k))
+        before = f(law%row)
         f(law%row) = law%force(ev%switches%state(law%number), lambda)
+        change = max(change, abs(f(law%row) - before))
+        strongest = max(strongest, abs(f(law%row)))
       end associate
     end do
   end subroutine friction
@@ -81,8 +84,8 @@ contains
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: b(:)                     !! [m/s2]
     real(wp), intent(inout) :: x(:), f(:)            !! [N]
-    real(wp), dimension(size(x)) :: r, before
-    real(wp) :: change, last
+    real(wp) :: r(size(x))                           ! [m/s2], then [N]
+    real(wp) :: change, last, strongest
     logical :: ok
     integer :: pass
     last = huge(1.0_wp)
@@ -92,11 +95,9 @@ contains
       call solve_linearised(m, ev, x, 0, r, ok)
       if (.not. ok) exit
       x = x + r
-      before = f
-      call friction(m, ev, x, f)
-      change = maxval(abs(f - before))
-      if (change <= settled*maxval(abs(f))) return
-      if (change > slow*last .and. change <= 64*settled*maxval(abs(f))) return
+      call friction(m, ev, x, f, change, strongest)
+      if (change <= settled*strongest) return
+      if (change > slow*last .and. change <= 64*settled*strongest) return
       if (.not. change < huge(1.0_wp)) exit
       last = change
     end do

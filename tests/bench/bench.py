@@ -23,7 +23,7 @@ mpl.use("Agg")
 import bench_scenes as scenes
 import matplotlib.pyplot as plt
 from bench_accuracy import evaluations
-from bench_friction import friction_trade
+from bench_friction import friction_cost, friction_trade
 from bench_models import maxwell, shapes
 from bench_promise import promises, shipped
 from bench_reduction import STUDIES, reductions
@@ -348,6 +348,7 @@ def main():
     maxwell(table, measure, run_process, WORK, quick)
     shapes(table, run_process, WORK, quick)
     friction_trade(table, BIELA)
+    friction_cost(table, BIELA)
     promises(table, BIELA, 12 if quick else 120, int(os.environ.get("PROMISE_SEED", "1")))
     shipped(table, BIELA)
     for kind in STUDIES:

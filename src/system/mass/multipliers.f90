@@ -49,6 +49,7 @@ module multipliers
     procedure :: factor_weak
     procedure :: note_ill_conditioned
     procedure :: solve
+    procedure :: solve_beside
     procedure :: minimum_norm_equivalent
     procedure :: remove_range
     procedure :: weak_rows
@@ -261,8 +262,33 @@ contains
     do k = 1, self%n
       self%x(self%position(k)) = lambda(k)*self%scale(k)
     end do
+    call substitute_placed(self, lambda)
+  end subroutine solve
+
+  !> Multipliers x of the rows that hold, beside given ones of rows that are off: S x = b - S f.
+  subroutine solve_beside(self, b, f, x)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(in) :: b(:)              !! (n) [m/s2]
+    real(wp), intent(in) :: f(:)              !! (n) zero where rows hold [N]
+    real(wp), intent(inout) :: x(:)           !! (n) [N]
+    integer :: k
+    do k = 1, self%n
+      self%r(self%position(k)) = f(k)/self%scale(k)
+      self%x(self%position(k)) = b(k)*self%scale(k)
+    end do
+    call subtract_product(self%n, self%kd, self%whole, self%r, self%x)
+    call substitute_placed(self, x)
+  end subroutine solve_beside
+
+  !> x by the last factor, from the right-hand side in the order of the factor.
+  subroutine substitute_placed(self, x)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(inout) :: x(:)           !! (n) [N]
+    integer :: k
     if (allocated(self%off)) then
-      where (self%off) self%x(self%position) = 0.0_wp
+      do k = 1, self%n
+        if (self%off(k)) self%x(self%position(k)) = 0.0_wp
+      end do
     end if
     if (self%singular) then
       call correct(self)
@@ -270,9 +296,9 @@ contains
       call substitute(self%n, self%kd, self%f, self%x)
     end if
     do k = 1, self%n
-      lambda(k) = self%x(self%position(k))*self%scale(k)
+      x(k) = self%x(self%position(k))*self%scale(k)
     end do
-  end subroutine solve
+  end subroutine substitute_placed
 
   !> The minimum-norm multipliers that exert the same forces as the given ones, by the last factor: redundant rows share.
   subroutine minimum_norm_equivalent(self, lambda)
