@@ -45,6 +45,16 @@ def figures_of(source: Path, biela: Path) -> dict:
     return json.loads(done.stdout)
 
 
+def walls(stop: dict) -> list[np.ndarray]:
+    """Return where the limits of a position are, beside marker a; of other stops nothing."""
+    if stop["kind"] != "position":
+        return []
+    a, b = (np.array(stop[side]["at"]) for side in "ab")
+    along = np.array([np.cos(stop["direction"]), np.sin(stop["direction"])])
+    line = a - along * ((a - b) @ along)  # where the quantity is 0
+    return [line + limit * along for limit in (stop["lower"], stop["upper"]) if limit is not None]
+
+
 class ScenePicture:
     """A scene on one axis: lines first, then the labels, which need to know of each other."""
 
@@ -55,6 +65,10 @@ class ScenePicture:
         items = [item for kind in ("joints", "springs", "stops") for item in scene.get(kind, [])]
         ends = [np.array(item[side]["at"]) for item in items for side in "ab"]
         points = np.array([*points, *ends])
+        low, high = points.min(axis=0), points.max(axis=0)
+        reach = max(high - low)  # a wall farther away than the mechanism is long would make it small
+        found = [wall for stop in scene.get("stops", []) for wall in walls(stop)]
+        points = np.array([*points, *(wall for wall in found if (low - reach < wall).all() and (wall < high + reach).all())])
         self.low, self.high = points.min(axis=0), points.max(axis=0)
         self.span = float(max(self.high - self.low)) or 1.0
         self.middle = (self.low + self.high) / 2.0
@@ -175,13 +189,10 @@ class ScenePicture:
             r = max(stop["upper"], 0.5 * size)  # a gap that cannot be seen is drawn as a ring
             self.axis.add_patch(Circle(b, r, facecolor="none", edgecolor=STOP, lw=1.4, zorder=7))
         elif stop["kind"] == "position":
-            along = np.array([np.cos(stop["direction"]), np.sin(stop["direction"])])
-            across = size * np.array([-along[1], along[0]])
-            a_line = a - along * ((a - b) @ along)  # where the quantity is 0, beside a
-            for limit in limits:
-                at = a_line + limit * along
+            across = size * np.array([-np.sin(stop["direction"]), np.cos(stop["direction"])])
+            for at in walls(stop):
                 self.axis.plot(*np.transpose([at - across, at + across]), "-", color=STOP, lw=2.2, zorder=7)
-            ends = [a_line + limit * along for limit in limits] + ([a] if len(limits) == 1 else [])
+            ends = walls(stop) + ([a] if len(limits) == 1 else [])
             self.axis.plot(*np.transpose(ends), ":", color=STOP, lw=1.0, zorder=2)
         else:
             self.axis.add_patch(Arc(a, 3 * size, 3 * size, theta1=-60.0, theta2=60.0, color=STOP, lw=1.4, zorder=7))

@@ -17,7 +17,9 @@ from matplotlib.colors import to_rgb
 from matplotlib.text import Annotation
 
 
-@pytest.mark.parametrize("name", ["four_bar", "quick_return", "slider_crank_joint_both", "clearance_slider_crank", "end_stop"])
+@pytest.mark.parametrize(
+    "name", ["four_bar", "quick_return", "slider_crank_joint_both", "clearance_slider_crank", "bouncing_linkage"]
+)
 def test_all_names_are_drawn(name, biela):
     figures = draw.figures_of(ROOT / "input" / f"{name}.nml", biela)
     figure = draw.draw(figures)
@@ -27,10 +29,10 @@ def test_all_names_are_drawn(name, biela):
             assert item["name"] in shown
     axis = figure.axes[0]
     assert axis.get_xlabel() == "x [m]"
-    for body in figures["scene"]["bodies"]:
-        for x, y in [body["centre"], *body["nodes"]]:
-            assert axis.get_xlim()[0] < x < axis.get_xlim()[1]
-            assert axis.get_ylim()[0] < y < axis.get_ylim()[1]
+    shown = [point for body in figures["scene"]["bodies"] for point in (body["centre"], *body["nodes"])]
+    for x, y in shown + [wall for stop in figures["scene"]["stops"] for wall in draw.walls(stop)]:
+        assert axis.get_xlim()[0] < x < axis.get_xlim()[1]
+        assert axis.get_ylim()[0] < y < axis.get_ylim()[1]
     plt.close(figure)
 
 
