@@ -9,7 +9,7 @@ module mesh_choice
   use model_pilot, only: pilot_result, pilot_series
   use summary, only: add_warnings
   use summary_text, only: summary_record
-  use text, only: es_text
+  use text, only: es_text, short_text
   implicit none (type, external)
   private
   public :: begin_model, choose_elements, error_lines, modes_of_mesh, take_mesh
@@ -187,7 +187,7 @@ contains
       if (allocated(error)) then
         call error_lines(kept, 'mesh_errors', text)
         k = maxloc(error/kept%asked, 1)
-        words = trim(kept%names(k))//' errs by '//trim(adjustl(es_text(error(k)/kept%asked(k), 1)))//' of what is asked'
+        words = trim(kept%names(k))//' errs by '//short_text(error(k)/kept%asked(k), 1)//' of what is asked'
       end if
       if (lost%happened()) then
         words = words//': '//lost%message

@@ -15,7 +15,7 @@ module model_choice
   use sorting, only: ascending
   use summary, only: add_warnings
   use summary_text, only: summary_record
-  use text, only: es_text, to_text
+  use text, only: short_text, to_text
   implicit none (type, external)
   private
   public :: choose_model
@@ -186,11 +186,11 @@ contains
                                                       trial%bodies(k)%modes, rest='')
       end do
       call text%close()
-      if (good .and. high > 0) call text%line('  the highest at '//trim(adjustl(es_text(frequency(high), 2)))//' Hz')
+      if (good .and. high > 0) call text%line('  the highest at '//short_text(frequency(high), 2)//' Hz')
       if (allocated(missed%error)) then
         k = maxloc(missed%error/missed%asked, 1)
         call text%line('  fewer are not enough: '//trim(missed%names(k))//' errs by '// &
-                       trim(adjustl(es_text(missed%error(k)/missed%asked(k), 1)))//' of what is asked; left-out modes may take '// &
+                       short_text(missed%error(k)/missed%asked(k), 1)//' of what is asked; left-out modes may take '// &
                        to_text(modes_share))
       end if
       if (good) call error_lines(kept, 'errors', text)

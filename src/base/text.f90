@@ -3,7 +3,7 @@ module text
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: lower, to_text, es_text, exact_text, fixed_text, joined, nearest_word, word_hash, quoted
+  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, joined, nearest_word, word_hash, quoted
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
   interface to_text
@@ -51,6 +51,14 @@ contains
       write (t, '(es'//to_text(decimals + 7)//'.'//to_text(decimals)//')') x
     end if
   end function es_text
+
+  !> The same without blanks in front.
+  pure function short_text(x, decimals) result(t)
+    real(wp), intent(in) :: x          !! any number [-]
+    integer, intent(in) :: decimals    !! digits after the point, at least 1
+    character(:), allocatable :: t
+    t = trim(adjustl(es_text(x, decimals)))
+  end function short_text
 
   !> A real in as few digits as give it back where they are read: 6, 15 or 17.
   pure function exact_text(x) result(t)

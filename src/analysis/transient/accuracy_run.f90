@@ -15,7 +15,7 @@ module accuracy_run
   use step_counts, only: step_count
   use step_monitor, only: stability_monitor, method_number
   use summary_text, only: json_number, summary_record
-  use text, only: es_text, to_text
+  use text, only: short_text, to_text
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
   implicit none (type, external)
@@ -139,15 +139,15 @@ contains
             call text%figure(', cost ', 'cost', nint(pass%cost, ip))
             call text%member('reached', json_number(pass%reached))
           end if
-          if (pass%outcome == given_up) call text%words%add(', given up at t = '//trim(adjustl(es_text(pass%reached, 3)))//' s')
-          if (pass%outcome == lost_pass) call text%words%add(', lost after t = '//trim(adjustl(es_text(pass%reached, 3)))//' s')
+          if (pass%outcome == given_up) call text%words%add(', given up at t = '//short_text(pass%reached, 3)//' s')
+          if (pass%outcome == lost_pass) call text%words%add(', lost after t = '//short_text(pass%reached, 3)//' s')
           if (pass%worst >= 0.0_wp .and. pass%other > 0) then
             call text%figure('; '//trim(names(pass%column))//' errs by ', 'worst_error_of_asked', pass%worst, 1)
             call text%words%add(' of what is asked, by pass '//to_text(pass%other))
             call text%member('worst_column', json_text(trim(names(pass%column))))
           end if
           if (pass%differ_at >= 0.0_wp) call text%words%add('; events differ from t = '// &
-            trim(adjustl(es_text(pass%differ_at, 3)))//' s on')
+            short_text(pass%differ_at, 3)//' s on')
           call text%line('')
           call text%close()
         end associate
@@ -188,12 +188,12 @@ contains
     associate (search => march%search, pass => march%search%passes(march%search%delivered))
       words = 'the accuracy is not kept: '//trim(search%reason)
       if (pass%differ_at >= 0.0_wp) words = words//'; events of the last two passes differ from t = '// &
-        trim(adjustl(es_text(pass%differ_at, 6)))//' s on'
+        short_text(pass%differ_at, 6)//' s on'
       if (pass%other == 0) then
         words = words//'; errors of the results, pass '//to_text(search%delivered)//', are unknown: no other pass was finished'
       else
         words = words//'; the worst column of the results, '//trim(names(pass%column))//', errs by an estimated '// &
-          trim(adjustl(es_text(pass%worst, 1)))//' of what is asked'
+          short_text(pass%worst, 1)//' of what is asked'
       end if
     end associate
     call warn(run, words, text)

@@ -137,7 +137,7 @@ contains
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
     if (self%count == most_passes) then
-      call finish(self, .false., 'the error does not fall below the accuracy in '//'16 passes')
+      call finish(self, .false., 'the error does not fall below the accuracy in 16 passes')
       return
     end if
     self%count = self%count + 1
@@ -178,8 +178,7 @@ contains
     class(pass_search), intent(in) :: self
     real(wp), intent(in) :: cost              !! so far [-]
     real(wp), intent(in) :: most_seconds      !! [s]
-    yes = late(self, most_seconds)
-    if (cost > self%passes(self%count)%budget) yes = .true.
+    yes = late(self, most_seconds) .or. cost > self%passes(self%count)%budget
   end function spent
 
   !> Whether the search has taken its time and has results.

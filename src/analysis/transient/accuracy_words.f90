@@ -1,23 +1,21 @@
-!> What the summary says of a transient's accuracy: how far its joints opened, how far its energy balance closed, and the
-!> estimated errors of the sensors' columns where the deck asks for them. Energies bound no column's error: a vibration that
-!> is late keeps its energy. The words say so; only the second run of `error_check` speaks of columns.
+!> What the summary says of a transient's accuracy: the estimated errors of columns where the deck asks for them. Energies bound no
+!> column's error: a vibration that is late keeps its energy. The words say so; only a second run speaks of columns.
 module accuracy_words
   use kinds, only: wp
   use accuracy_search, only: has_fixed_steps, pass_record
+  use balance_words, only: balance_lines, closing_lines
   use compared_columns, only: compared_names
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use scene_run, only: run_state, warn
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text
-  use text, only: es_text, to_text
+  use text, only: es_text, short_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
   private
   public :: accuracy_lines, asked_errors, setting_words
 
-  real(wp), parameter :: distrusted = 1.0e-2_wp        !! residual, of the energy that moved [-]
-  real(wp), parameter :: unresolved = 0.1_wp           !! the same, of what the deformation of a body exchanged [-]
   real(wp), parameter :: noticed = 1.0e-2_wp           !! error of a column, of its range [-]
   real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
   real(wp), parameter :: least_part = 0.25_wp          !! of an error that is left to steps beside that of the model [-]
@@ -31,75 +29,21 @@ contains
     type(transient_march), intent(in) :: march
     logical, intent(in) :: lost
     type(summary_record), intent(inout) :: text
-    associate (b => march%balance)
-      call text%figure('  largest violations: position ', 'position_violation', b%violation(1), 3)
-      call text%figure(' m (', 'position_violation_of_size', b%violation(1)/run%sys%m%s%size, 3)
-      call text%figure(' of the size), velocity ', 'velocity_violation', b%violation(2), 3, rest=' m/s')
-      call text%figure('  energy residual: largest ', 'energy_residual', b%largest_residual, 3)
-      call text%figure(' J, at the end ', 'energy_residual_at_end', b%row(5), 3)
-      call text%figure(' J; largest swing of an energy ', 'energy_swing', maxval(b%high - b%low), 3, rest=' J')
-      if (run%d%transient%method == 'generalized_alpha' .or. run%d%transient%method == 'radau') then
-        call text%figure('  energy removed by the method itself: ', 'energy_removed', march%method%removed, 3)
-        call text%line(' J, numerical damping that the residual shows; without it the residual at the end: '// &
-                       es_text(b%row(5) + march%method%removed, 3)//' J')
-      end if
-      if (lost) then
-        call text%line('  accuracy: nothing is known of a run that was lost; its last rows may be wrong')
-        return
-      end if
-      call balance_lines(run, march, text)
-      if (march%check%active) then
-        call error_lines(run, march, text)
-      else if (march%search%active) then
-        call text%line('  accuracy: unknown, there is no other pass to compare this one with')
-      else
-        call text%line('  accuracy: energies bound no error of a column, and a vibration that is late keeps its energy; '// &
-                      'check_error=.true. in &transient estimates the error of every column')
-      end if
-    end associate
+    call closing_lines(run, march, text)
+    if (lost) then
+      call text%line('  accuracy: nothing is known of a run that was lost; its last rows may be wrong')
+      return
+    end if
+    call balance_lines(run, march, text)
+    if (march%check%active) then
+      call error_lines(run, march, text)
+    else if (march%search%active) then
+      call text%line('  accuracy: unknown, there is no other pass to compare this one with')
+    else
+      call text%line('  accuracy: energies bound no error of a column, and a vibration that is late keeps its energy; '// &
+                    'check_error=.true. in &transient estimates the error of every column')
+    end if
   end subroutine accuracy_lines
-
-  !> What the energy balance says, of the whole scene and of the body whose deformation exchanged least.
-  subroutine balance_lines(run, march, text)
-    type(run_state), intent(in) :: run
-    type(transient_march), intent(in) :: march
-    type(summary_record), intent(inout) :: text
-    character(:), allocatable :: name, energy
-    real(wp) :: x, exchanged
-    integer :: body
-    associate (b => march%balance)
-      if (.not. b%moved() > 0.0_wp) then
-        call text%line('  energy balance: no energy moves in this scene beyond what shifts it by a millionth of its size, '// &
-                       'so that it says nothing')
-        return
-      end if
-      energy = 'the energy that moved'
-      if (.not. b%exchanged()) energy = 'the kinetic energy, which nothing changes'
-      call text%line('  energy balance: closed to '//short(b%share())//' of '//energy)
-      call text%member('energy_balance', json_number(b%share()))
-      if (b%share() > distrusted) call warn(run, 'the energy balance is off by '//short(b%share())// &
-        ' of '//energy//': the results cannot be trusted; use a smaller step or tolerance'// &
-        damped(march%method%removed, b), text)
-      call b%body_share(body, x, exchanged)
-      if (body == 0) return
-      name = trim(run%sys%m%s%bodies(body)%name)
-      call text%line('  energy balance: closed to '//short(x)//' of what the deformation of body "'//name// &
-                    '" took up and gave back, '//short(exchanged)//' J')
-      if (x > unresolved .and. b%share() <= distrusted) call warn(run, 'the energy balance is off by '//short(x)//' of '// &
-        'the energy that the deformation of body "'//name//'" exchanged: its vibration may be wrong, slower motion right; '// &
-        'check_error=.true. tells', text)
-    end associate
-  end subroutine balance_lines
-
-  !> What a warning adds where numerical damping explains most of the residual.
-  function damped(removed, b) result(text)
-    real(wp), intent(in) :: removed            !! by the method itself [J]
-    type(balance_watch), intent(in) :: b
-    character(:), allocatable :: text
-    text = ''
-    if (abs(b%row(5)) < 0.5_wp*b%largest_residual .or. abs(b%row(5) + removed) > 0.2_wp*abs(b%row(5))) return
-    text = '; most of that is numerical damping of vibrations that the steps do not resolve: slower motion may be better'
-  end function damped
 
   !> The estimated errors of all columns, with a warning where some are large or the estimate is doubtful.
   subroutine error_lines(run, march, text)
@@ -118,8 +62,7 @@ contains
       asked = [(huge(1.0_wp), k=1, size(e))]
       if (c%stored) asked = asked_errors(run, c)
       if (c%stored .and. any(e > asked) .and. c%differ_at >= 0.0_wp) e = c%error_ratio*c%agreed
-      x = [(0.0_wp, k=1, size(e))]
-      where (range > 0.0_wp) x = e/range
+      x = 0*e
       if (c%stored) then
         associate (other => march%search%passes(march%search%stored))
           call text%line('  estimated errors, by pass '//to_text(march%search%stored)//' ('//trim(other%method)// &
@@ -153,13 +96,13 @@ contains
       if (len(doubt) > 0) then
         call text%line('  accuracy: unknown, columns may err by more than was estimated')
       else
-        call text%line('  accuracy: the worst column, '//trim(names(k))//', errs by an estimated '//short(x(k))// &
+        call text%line('  accuracy: the worst column, '//trim(names(k))//', errs by an estimated '//short_text(x(k), 1)// &
                       ' of its range')
       end if
       call text%member('worst_column', json_text(trim(names(k))))
       call text%member('worst_error_of_range', json_number(x(k)))
       if (x(k) > noticed) call warn(run, to_text(count(x > noticed))//' of '//to_text(size(x))//' columns err by more than '// &
-        short(noticed)//' of their range, the worst, '//trim(names(k))//', by an estimated '//short(x(k))// &
+        short_text(noticed, 1)//' of their range, the worst, '//trim(names(k))//', by an estimated '//short_text(x(k), 1)// &
         '; use a smaller step or tolerance', text)
     end associate
   end subroutine error_lines
@@ -209,7 +152,7 @@ contains
     call text%figure(', their times err by an estimated ', 'event_time_error', c%error_ratio*c%event_error, 2, rest=' s at most')
     if (c%differ_at < 0.0_wp) return
     call text%member('events_differ_from', json_number(c%differ_at))
-    from = 'from t = '//trim(adjustl(es_text(c%differ_at, 6)))//' s on the event sequences of both runs differ'
+    from = 'from t = '//short_text(c%differ_at, 6)//' s on the event sequences of both runs differ'
     if (within) then
       call text%line('  '//from//', but their rows agree as is asked')
     else
@@ -225,17 +168,11 @@ contains
     character(:), allocatable :: text
     text = ''
     if (c%lost_at >= 0.0_wp) then
-      text = 'the second run was lost at t = '//trim(adjustl(es_text(c%lost_at, 3)))//' s: errors are unknown from there on'
+      text = 'the second run was lost at t = '//short_text(c%lost_at, 3)//' s: errors are unknown from there on'
     else if (first%share() > rounding .and. c%balance%largest_residual > converging*first%largest_residual) then
       text = 'the energy balance of the second run closes hardly better: vibrations that both runs damp away between rows '// &
              'are missing in these estimates; a smaller output_step or step shows them'
     end if
   end function doubts
 
-  !> A number in two digits.
-  function short(x) result(text)
-    real(wp), intent(in) :: x                  !! [any]
-    character(:), allocatable :: text
-    text = trim(adjustl(es_text(x, 1)))
-  end function short
 end module accuracy_words

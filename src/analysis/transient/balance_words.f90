@@ -1,0 +1,79 @@
+!> What the summary says of how far a transient's joints opened and how far its energy balance closed.
+module balance_words
+  use kinds, only: wp
+  use energy_balance, only: balance_watch
+  use scene_run, only: run_state, warn
+  use summary_text, only: json_number, summary_record
+  use text, only: es_text, short_text
+  use transient, only: transient_march
+  implicit none (type, external)
+  private
+  public :: balance_lines, closing_lines
+
+  real(wp), parameter :: distrusted = 1.0e-2_wp        !! residual, of the energy that moved [-]
+  real(wp), parameter :: unresolved = 0.1_wp           !! the same, of what the deformation of a body exchanged [-]
+
+contains
+
+  !> Largest violations of joints and residuals of the energy.
+  subroutine closing_lines(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    type(summary_record), intent(inout) :: text
+    associate (b => march%balance)
+      call text%figure('  largest violations: position ', 'position_violation', b%violation(1), 3)
+      call text%figure(' m (', 'position_violation_of_size', b%violation(1)/run%sys%m%s%size, 3)
+      call text%figure(' of the size), velocity ', 'velocity_violation', b%violation(2), 3, rest=' m/s')
+      call text%figure('  energy residual: largest ', 'energy_residual', b%largest_residual, 3)
+      call text%figure(' J, at the end ', 'energy_residual_at_end', b%row(5), 3)
+      call text%figure(' J; largest swing of an energy ', 'energy_swing', maxval(b%high - b%low), 3, rest=' J')
+      if (run%d%transient%method == 'generalized_alpha' .or. run%d%transient%method == 'radau') then
+        call text%figure('  energy removed by the method itself: ', 'energy_removed', march%method%removed, 3)
+        call text%line(' J, numerical damping that the residual shows; without it the residual at the end: '// &
+                       es_text(b%row(5) + march%method%removed, 3)//' J')
+      end if
+    end associate
+  end subroutine closing_lines
+
+  !> What the energy balance says, of the whole scene and of the body whose deformation exchanged least.
+  subroutine balance_lines(run, march, text)
+    type(run_state), intent(in) :: run
+    type(transient_march), intent(in) :: march
+    type(summary_record), intent(inout) :: text
+    character(:), allocatable :: name, energy
+    real(wp) :: x, exchanged
+    integer :: body
+    associate (b => march%balance)
+      if (.not. b%moved() > 0.0_wp) then
+        call text%line('  energy balance: no energy moves in this scene beyond what shifts it by a millionth of its size, '// &
+                       'so that it says nothing')
+        return
+      end if
+      energy = 'the energy that moved'
+      if (.not. b%exchanged()) energy = 'the kinetic energy, which nothing changes'
+      call text%line('  energy balance: closed to '//short_text(b%share(), 1)//' of '//energy)
+      call text%member('energy_balance', json_number(b%share()))
+      if (b%share() > distrusted) call warn(run, 'the energy balance is off by '//short_text(b%share(), 1)// &
+        ' of '//energy//': the results cannot be trusted; use a smaller step or tolerance'// &
+        damped(march%method%removed, b), text)
+      call b%body_share(body, x, exchanged)
+      if (body == 0) return
+      name = trim(run%sys%m%s%bodies(body)%name)
+      call text%line('  energy balance: closed to '//short_text(x, 1)//' of what the deformation of body "'//name// &
+                    '" took up and gave back, '//short_text(exchanged, 1)//' J')
+      if (x > unresolved .and. b%share() <= distrusted) call warn(run, 'the energy balance is off by '//short_text(x, 1)//' of '// &
+        'the energy that the deformation of body "'//name//'" exchanged: its vibration may be wrong, slower motion right; '// &
+        'check_error=.true. tells', text)
+    end associate
+  end subroutine balance_lines
+
+  !> What a warning adds where numerical damping explains most of the residual.
+  function damped(removed, b) result(text)
+    real(wp), intent(in) :: removed            !! by the method itself [J]
+    type(balance_watch), intent(in) :: b
+    character(:), allocatable :: text
+    text = ''
+    if (abs(b%row(5)) < 0.5_wp*b%largest_residual .or. abs(b%row(5) + removed) > 0.2_wp*abs(b%row(5))) return
+    text = '; most of that is numerical damping of vibrations that the steps do not resolve: slower motion may be better'
+  end function damped
+end module balance_words
