@@ -19,7 +19,7 @@ module complex_modes
   integer, parameter :: spare_modes = 20               !! motions beside two for each mode that is asked for
   integer, parameter :: spare_motions = 40             !! likewise: a system that has no more is solved as a whole
   integer, parameter :: coupled_motions = 140          !! likewise where gyroscopic terms or an unsymmetric K couple all motions
-  integer, parameter :: coupled_unknowns = 1000        !! likewise: unknowns of first order that are solved at once
+  integer, parameter :: coupled_unknowns = 1000        !! likewise, or all are asked for: unknowns that are solved at once
   real(wp), parameter :: largest_residual = 1.0e-7_wp  !! residual of a pole [-]
   real(wp), parameter :: short_step = 0.04_wp          !! of the growing damping, where poles of coupled modes may meet [-]
   real(wp), parameter :: root_spread = 0.01_wp         !! distance of the two values of a double root, over its modulus [-]
@@ -73,7 +73,7 @@ contains
     if (.not. ds%damped) return
     s%listed = maxval([0, modes%mode])
     call span_modes(ds, s)
-    call s%model%split_into_parts(merge(usual_unknowns, coupled_unknowns, ds%symmetric))
+    call s%model%split_into_parts(merge(usual_unknowns, coupled_unknowns, ds%symmetric .and. .not. all_motions))
     s%complete = s%model%exact .and. s%model%p == freedoms
     call list_vibrations(ds, s, modes)
     call list_others(ds, s, modes)

@@ -190,6 +190,15 @@ def test_a_large_coupled_scene_lists_true_poles(run_deck, probe, tmp_path, arms,
     assert all(len(listed.vibration(mode)) == 1 for mode in range(1, modes + 1))
 
 
+def test_no_pole_of_all_modes_is_lost(run_deck):
+    """More than 400 unknowns of first order, crowds of real poles: as many as numpy finds (`Dense`), each a root."""
+    run = run_deck(scene(22044, (13, 22)) + "&modal modes=999 /\n")
+    listed = Listed(run)
+    assert listed.note("poles") == "poles: complete, all 414 with conjugates"
+    assert np.sum(np.where(listed.poles.imag > 0.0, 2, 1)[listed.kind != UNDAMPED]) == 414
+    assert np.max(read(run.folder, "modes")["residual"]) <= 1e-7
+
+
 def test_a_searched_scene_of_mixed_materials_lists_the_poles_of_its_modes(run_deck, probe, tmp_path):
     """Crowds of real poles: those of which the modes asked for hold more than half of the motion are all listed, no others."""
     deck = scene(9, (13, 22))
