@@ -34,18 +34,11 @@ contains
     logical, intent(out) :: ok
     type(mass_operator) :: op
     real(wp) :: y(2*ds%n, size(x, 2))                  ! positions, and rates over the shift
-    real(wp) :: least, level, square, length           ! [rad2/s2], [-]
+    real(wp) :: length                                 ! [-]
     real(wp), allocatable :: part(:), my(:)
     integer :: pass, j
-    least = huge(1.0_wp)
-    level = huge(1.0_wp)
-    do j = 1, size(x, 2)
-      level = min(level, rounding_level(ds, x(:, j)))
-      square = abs(dot_product(x(:, j), ds%stiffness_times(x(:, j))))
-      if (square > rounding_level(ds, x(:, j))) least = min(least, square)
-    end do
     op%ds => ds
-    op%shift = sqrt(sqrt(level*least))
+    op%shift = shift_of_rigid_motions(ds, x)
     call ds%set(cmplx(op%shift, 0.0_wp, wp), 0.0_wp)
     call ds%factor()
     y = 0.0_wp
@@ -106,7 +99,7 @@ contains
 
   !> The basis turned so that the rigid motions come first.
   subroutine rigid_motions_first(ds, x, turned, rigid, ok)
-    type(stiffness_system), intent(in) :: ds
+    type(stiffness_system), intent(inout), target :: ds
     real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes, mass-orthonormal [1/sqrt(kg)]
     real(wp), allocatable, intent(out) :: turned(:, :) !! (n, p) likewise [1/sqrt(kg)]
     integer, intent(out) :: rigid                      !! how many
@@ -120,8 +113,53 @@ contains
       k(:, j) = matmul(kx, x)
     end do
     call rigid_motions(ds, x, k, q, rigid, ok)
-    if (ok) turned = matmul(x, q)
+    if (.not. ok) return
+    turned = matmul(x, q)
+    if (rigid > 0) call correct_rigid_motions(ds, turned, rigid)
   end subroutine rigid_motions_first
+
+  !> x - T(s)^-1 K x for the rigid motions: what other motions are left in them goes. Dampers would make poles near zero of it.
+  subroutine correct_rigid_motions(ds, x, rigid)
+    type(stiffness_system), intent(inout), target :: ds
+    real(wp), intent(inout) :: x(:, :)                 !! (n, p) mass-orthonormal, the rigid motions first [1/sqrt(kg)]
+    integer, intent(in) :: rigid                       !! how many
+    type(mass_operator) :: op
+    complex(wp) :: u(ds%n + ds%rows)
+    real(wp) :: mv(ds%n), length                       ! [sqrt(kg)], [-]
+    real(wp), allocatable :: part(:)
+    integer :: j
+    op%ds => ds
+    op%shift = shift_of_rigid_motions(ds, x)
+    call ds%set(cmplx(op%shift, 0.0_wp, wp), 0.0_wp)
+    call ds%factor()
+    do j = 1, rigid
+      u = ds%padded(cmplx(ds%stiffness_times(x(:, j)), 0.0_wp, wp))
+      call ds%solve(u)
+      x(:, j) = x(:, j) - real(u(1:ds%n), wp)
+    end do
+    do j = 1, size(x, 2)
+      mv = op%mass_times(x(:, j))
+      x(:, j) = x(:, j)/sqrt(dot_product(x(:, j), mv))
+      call orthonormalise(op, x(:, 1:j - 1), x(:, j), mv, part, length)
+    end do
+  end subroutine correct_rigid_motions
+
+  !> A rate between what is rounding and the lowest frequency.
+  function shift_of_rigid_motions(ds, x) result(shift)
+    type(stiffness_system), intent(in) :: ds
+    real(wp), intent(in) :: x(:, :)                    !! (n, p) mass-orthonormal [1/sqrt(kg)]
+    real(wp) :: shift                                  !! [rad/s]
+    real(wp) :: least, level, square                   ! [rad2/s2]
+    integer :: j
+    least = huge(1.0_wp)
+    level = huge(1.0_wp)
+    do j = 1, size(x, 2)
+      level = min(level, rounding_level(ds, x(:, j)))
+      square = abs(dot_product(x(:, j), ds%stiffness_times(x(:, j))))
+      if (square > rounding_level(ds, x(:, j))) least = min(least, square)
+    end do
+    shift = sqrt(sqrt(level*least))
+  end function shift_of_rigid_motions
 
   !> The null space of K: singular values far below one of K with rows and columns scaled to the size one, or where they are
   !> rounding to that. It spans the first columns of an orthogonal basis q.

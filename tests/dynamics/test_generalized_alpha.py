@@ -346,6 +346,20 @@ def test_a_guide_that_turns_steadily(joint, radius, step, run_deck):
     assert run.history["x.d"][40:] == pytest.approx(0.0507042253521127, abs=0.03 * step**2)
 
 
+def test_guides_after_a_thousand_turns(run_deck):
+    """The angle is known to 1e-12 rad only: the joints of a guided mass on a guided mass are open by its rounding, no more."""
+    angle = -6283.185307179586
+    deck = TURNING_GUIDE.format("slider").replace("0.,1.5", f"{angle},-2.5").replace("position=.45", "position=.36")
+    deck += "&spring name='t' type='torsional' body_a='p' body_b='b' stiffness=.44 damping=.013 /\n"
+    deck += "&body name='q' kind='rigid' mass=1.4 inertia=.014 position=.66,-.18 angular_velocity=-2.5 /\n"
+    deck += "&joint name='f' type='prismatic' body_a='q' body_b='p' direction=0. /\n"
+    deck += "&spring name='l' type='linear' body_a='q' body_b='b' point_b=-2.,-.18 stiffness=94. damping=.6 free_length=2.66 /\n"
+    deck = deck.replace("' kind='rigid'", f"' kind='rigid' angle={angle}").replace("=1.5 /", "=-2.5 /")
+    deck = deck.replace(",0. angular", ",-.18 angular").replace("'b' direction", "'b' point_b=0.,-.18 direction")
+    run = run_deck(deck + march("t_end=40 step=0.05 output_step=1"))
+    assert run.energy["position_violation"].max() < 2e-11
+
+
 @pytest.mark.parametrize(("rate", "step", "told"), [("0.,1.5", 0.5, True), ("0.,1.5", 0.4, False), ("0.,0.,0.1", 0.5, True)])
 def test_a_step_too_long_for_a_turning_line_is_told(rate, step, told, run_deck):
     """Of a line that turns steadily, or whose drive is to turn it faster than at the start."""
