@@ -193,6 +193,21 @@ def test_a_sampled_controller_changes_at_its_samples_alone(run_deck, method):
         x = rest + np.real(vectors @ (np.exp(0.01 * values) * np.linalg.solve(vectors, x - rest)))
 
 
+STILL = "&history name='r' kind='polynomial' coefficients=0.0 /\n"
+
+
+def test_a_filtered_derivative_is_a_maxwell_spring(run_deck):
+    """3 k tau s/(1 + tau s) of the angle, as a term of the spring or by a controller: radau takes the same steps."""
+    spring = "&body name='b' mass=1 inertia=.1 angle=.3 angular_velocity=2 /\n&joint name='j' type='revolute' body_a='b' /\n"
+    spring += "&sensor name='a' quantity='angle' body='b' /\n&transient t_end=2 method='radau' tolerance=1e-7 output_step=.5 /\n"
+    spring += "&spring name='k' type='torsional' body_a='b' stiffness=4 free_angle=0 damping=.02 {} /\n"
+    controlled = spring.format("") + STILL + group(argument="a", kd=0.6, filter=0.05)
+    controlled += "&force name='f' type='torque' body='b' moment=1 controller='pid' /\n"
+    runs = run_deck(spring.format("prony_alpha=3 prony_tau=.05"), name="spring"), run_deck(controlled)
+    assert runs[0].transient["steps"] == runs[1].transient["steps"]
+    np.testing.assert_allclose(runs[1].history["a"], runs[0].history["a"], rtol=1e-9)
+
+
 def chain(seed):
     """Return a chain of discs whose loop joins two of them, its matrices, and the state space of the loop opened at the force."""
     dice = np.random.default_rng(seed)
@@ -230,9 +245,6 @@ def chain(seed):
     a = np.array([motion(row) for row in np.eye(states)]) - motion(np.zeros(states))
     kept = [*range(2 * n + 2), *(range(2 * n + 2, states) if pid.delay else [])]
     return text, law, a.T[np.ix_(kept, kept)]
-
-
-STILL = "&history name='r' kind='polynomial' coefficients=0.0 /\n"
 
 
 def poles_of(run):

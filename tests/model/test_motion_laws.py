@@ -234,6 +234,11 @@ def test_characteristic_in_equilibrium_and_modes(run_deck):
         forces.append((other["k.f"][-1], other["k.d"][-1]))
     slope = (forces[1][0] - forces[0][0]) / (forces[1][1] - forces[0][1])
     assert abs(2 * np.pi * pole["frequency"] - np.sqrt(slope / 2)) < 1e-5
+    pull = "&force name='p' body='a' fx=1 history='off' /\n&history name='off' coefficients=0 /\n"
+    pull += "&frequency_response input='p' from=1 to=3 points=2 /\n"
+    seen = read(run_deck(deck.replace("&modal modes=1 /", pull), name="response").folder / "frequency_response.txt")
+    force, stretch = (seen[f"k.{x}.re"] + 1j * seen[f"k.{x}.im"] for x in "fd")
+    np.testing.assert_allclose(force / stretch, slope + 0.4j * 2 * np.pi * seen["f"], rtol=1e-6)
 
 
 def test_a_fast_loop_is_in_the_current_bound(run_deck):
