@@ -34,7 +34,7 @@ SCENE = """&scene gravity=0.0,-9.81 /
 &joint name='r' type='revolute' body_a='b' node_a=1 point_b=0.6,0.0 /
 &spring name='k' type='torsional' body_a='crank' stiffness=50.0 ghm_alpha=1.0 ghm_zeta=1.0 ghm_omega=50.0 /
 &force name='f' type='force' body='b' node=2 fx=20.0 stage='transient' /
-&stop name='t' type='rotation' body_a='crank' lower=1.19999 upper=1.20001 stiffness=1e5 restitution=0.7 /
+&stop name='t' type='rotation' body_a='crank' lower=1.2405 upper=1.242 stiffness=1e4 restitution=0.7 /
 &sensor name='tip' quantity='acceleration' body='b' node=-1 /
 &sensor name='pin' quantity='reaction' joint='q' /
 &sensor name='t' quantity='stop' stop='t' /
