@@ -6,10 +6,13 @@ handing over one run at a time would cost more than the run.
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import re
 import shutil
 import subprocess
 import tempfile
+import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,6 +22,7 @@ from .sweep_study import Study, StudyError, Target
 
 Assignments = tuple[tuple[str, ...], tuple[tuple[Target, object], ...]]
 
+_solvers: list[subprocess.Popen] = []  # at work in this process
 FAULT = re.compile(r"^(?P<deck>[^\s:]*?(?P<number>\d{6})\.nml)(?::\d+)?:\s*(?P<words>.*)$")
 
 
@@ -156,10 +160,34 @@ def _rows(batch: Batch, place: Path) -> list[Row]:
     names = [path.name for number, path in decks.items() if number not in said]
     stopped = ""
     if names:
-        done = subprocess.run([batch.biela, "--quiet", *names], cwd=place, capture_output=True, text=True, check=False)
-        said |= _reasons(done.stderr)
-        stopped = f"the solver was stopped by signal {abs(done.returncode) % 128}" if not 0 <= done.returncode <= 128 else ""
+        status, told = _solve([batch.biela, "--quiet", *names], place)
+        said |= _reasons(told)
+        stopped = f"the solver was stopped by signal {abs(status) % 128}" if not 0 <= status <= 128 else ""
     return [_row(number, place / "results" / path.stem, batch, said.get(number, stopped)) for number, path in decks.items()]
+
+
+def _solve(words: list[str], place: Path) -> tuple[int, str]:
+    """Call the solver in a folder; return its status and what it says on standard error."""
+    with subprocess.Popen(words, cwd=place, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as solver:
+        _solvers.append(solver)
+        _, told = solver.communicate()
+        _solvers.remove(solver)
+    return solver.returncode, told
+
+
+def end_with_parent() -> None:
+    """Let this worker and its solver end with the process that started it, which cannot tell them where it is killed."""
+
+    def watch() -> None:
+        parent = multiprocessing.parent_process()
+        if parent is None:
+            return
+        parent.join()
+        for solver in _solvers:
+            solver.terminate()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _reasons(text: str) -> dict[int, str]:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from . import deck_text
 from .result_files import HistoryError, remove_noted
-from .sweep_run import Batch, Row, assign, assignments, literal, run_batch
+from .sweep_run import Batch, Row, assign, assignments, end_with_parent, literal, run_batch
 from .sweep_study import Study, StudyError, read
 
 FOLDER = Path(__file__).resolve().parents[1]  # of the package
@@ -115,7 +115,7 @@ def _on_worker(folder: str, batch: bytes) -> list[Row]:
 def executor(args: argparse.Namespace) -> Executor:
     """Return what runs batches: this machine's cores, or a Dask scheduler; HistoryError where there is none."""
     if not args.dask:
-        return ProcessPoolExecutor(max_workers=args.jobs)
+        return ProcessPoolExecutor(max_workers=args.jobs, initializer=end_with_parent)
     try:
         from dask.distributed import Client
     except ImportError:

@@ -93,6 +93,7 @@ contains
       df = 2*s + c
       do r = 1, size(segments)
         if (.not. parts(r) > 0.0_wp) cycle
+        if (segments(r)%law%is_pole(s)) return
         f = f + parts(r)*segments(r)%law%ratio(s)
         df = df + parts(r)*segments(r)%law%slope(s)
       end do

@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -16,7 +18,7 @@ from biela import sweep_scalars, sweep_study, sweep_work
 from biela.commands import sweep as sweep_command
 from biela.histories import read
 from biela.sweep_scalars import Scalar
-from conftest import ROOT
+from conftest import ROOT, TIMEOUT, wait_for
 
 DECK = """&include file='steel.nml' /
 &parameter name='height' value={4*mm} /
@@ -198,6 +200,22 @@ def test_measures_against_closed_forms():
         assert Scalar("x", measure, "c", at=0.3).of(coarse, np.sin(9.0 * coarse)) == pytest.approx(value, rel=1.0e-5)
     jump = np.where(time < 2.0, 0.0, 1.0 + 0.1 * time)
     assert 1.4 <= Scalar("x", "peak", "c").of(time, jump) <= 1.4 + 1.0e-12
+
+
+def test_solvers_end_with_a_sweep_that_is_killed(study, biela, tmp_path):
+    study(STUDY, "--no-pictures")
+    deck = tmp_path / "arm.nml"
+    deck.write_text(re.sub(r"t_end=\S+", "t_end=1e4", deck.read_text(encoding="utf-8")), encoding="utf-8")
+    words = [sys.executable, ROOT / "post" / "sweep.py", "study.toml", "--biela", biela, "--keep", "--jobs", "2"]
+    sweep = subprocess.Popen(words, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    kept = tmp_path / "results" / "sweep" / "study" / "runs" / "results"
+    wait_for(kept / "000000" / "energy.txt", sweep)
+    sweep.kill()
+    sweep.wait(timeout=TIMEOUT)
+    until = time.monotonic() + TIMEOUT
+    while list(kept.glob("*/.lock")) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert "outcome: stopped by signal 15" in (kept / "000000" / "summary.txt").read_text(encoding="utf-8")
 
 
 @pytest.mark.long

@@ -20,6 +20,7 @@ module viscoelastic_law
   contains
     procedure :: beside
     procedure :: ratio
+    procedure :: is_pole
     procedure :: slope
     procedure :: rates
     procedure :: order
@@ -70,6 +71,13 @@ contains
       g = g + self%alpha(k)*a/(1 + a)
     end do
   end function ratio
+
+  !> Whether a term has a pole at s, so that the law has no value there.
+  pure logical function is_pole(self, s)
+    class(viscoelastic_terms), intent(in) :: self
+    complex(wp), intent(in) :: s               !! [1/s]
+    is_pole = any(abs(1 + s*(self%viscosity + self%inertia*s)) <= 0.0_wp)
+  end function is_pole
 
   !> Its derivative [s].
   pure function slope(self, s) result(g)
