@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import tempfile
 import threading
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -183,8 +184,11 @@ def end_with_parent() -> None:
         if parent is None:
             return
         parent.join()
-        for solver in _solvers:
-            solver.terminate()
+        for pause in (0.5, 0.0):  # [s]: one may have been about to start
+            for solver in list(_solvers):
+                solver.terminate()
+                solver.wait()  # it still tells this process what happened
+            time.sleep(pause)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
