@@ -135,11 +135,11 @@ def swing(m: float, c: float, k: float) -> dict[str, float]:
 
 
 def test_errors_of_derivatives_hold(tmp_path, biela, monkeypatch):
-    """Of 108 derivatives by random masses, dampers, springs, methods and tolerances at least 95 in 100 are within their errors."""
+    """Of 72 derivatives by random masses, dampers, springs, methods and tolerances at least 95 in 100 are within their errors."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BIELA", str(biela))
     generator, within, relative = np.random.default_rng(11), [], []
-    for number in range(18):
+    for number in range(12):
         method, tolerance = ("dopri5", "radau")[number % 2], 10.0 ** generator.uniform(-9, -3)
         Path("deck.nml").write_text(OSCILLATOR.replace("METHOD", method).replace("TOLERANCE", f"{tolerance:.3e}"))
         at = {"m": generator.uniform(1, 4), "c": generator.uniform(1, 8), "k": generator.uniform(400, 1600)}
@@ -156,7 +156,7 @@ def test_errors_of_derivatives_hold(tmp_path, biela, monkeypatch):
             truth = (up - down) / (2 * step)
             within.append(abs(row["derivative"] - truth) <= row["error"] + 1.0e-9 * abs(truth))
             relative.append(row["error"] / abs(truth))
-    assert len(within) == 108
+    assert len(within) == 72
     assert np.mean(within) >= 0.95
     assert np.median(relative) < 0.02, "errors so large that they always hold say nothing"
 

@@ -200,7 +200,7 @@ def test_rod_angle_and_slider_of_the_ivp_crank_meet_a_thousandth(study, run_deck
 
 
 def test_curve_has_the_slope_of_the_methods_order(study):
-    folder, _, _ = study(CRANK, "--sensor", "mid", "--tolerance", "1e-5", "--methods", "rk4", picture=True)
+    folder, _, _ = study(CRANK, "--sensor", "mid", "--tolerance", "1e-4", "--methods", "rk4", picture=True)
     text = (folder / "tradeoff.txt").read_text()
     seen = [float(word) for word in re.search(r"^  rk4: (.*)$", text, re.MULTILINE)[1].split(", ")]
     assert any(abs(order - 4.0) < 0.3 for order in seen), seen
@@ -267,10 +267,10 @@ def test_budget_takes_the_most_accurate_run_that_fits(study, run_deck, monkeypat
         return {**summary, "timing": {**summary["timing"], "processor_seconds": 1e-6 * summary["transient"]["evaluations"]}}
 
     monkeypatch.setattr(deck_runs, "read_summary", counted)
-    budget = f"{4e-6 * run_deck(CRANK).transient['evaluations']:.4f}"  # the tolerance takes ten times the deck's own steps
-    folder, told, _ = study(CRANK, "--tolerance", "1e-7", "--budget", budget, "--methods", "rk4", status=1)
+    budget = f"{4e-6 * run_deck(CRANK).transient['evaluations']:.4f}"  # the tolerance takes six times the deck's own steps
+    folder, told, _ = study(CRANK, "--tolerance", "1e-6", "--budget", budget, "--methods", "rk4", status=1)
     assert "most accurate setting within the budget" in told.replace("\n", " ")
-    assert 1e-7 < promised(folder)[0] < 1e-1
+    assert 1e-6 < promised(folder)[0] < 1e-1
 
 
 def test_second_study_uses_the_kept_runs_and_marks_points_below_the_truths_own_uncertainty(study):
