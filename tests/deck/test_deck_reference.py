@@ -1,4 +1,4 @@
-"""The reference of the deck language names every group, variable and word that the reader knows."""
+"""The reference of the deck language and the manual page name every group, variable and word that the reader knows."""
 import pathlib
 import re
 
@@ -7,6 +7,7 @@ import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 REFERENCE = (ROOT / 'input' / 'README.md').read_text(encoding='utf-8')
+MANUAL = re.sub(r'\\f[BR]', ' ', (ROOT / 'share' / 'biela.1').read_text(encoding='utf-8').split('.SH DECKS')[1])
 READERS = sorted((ROOT / 'src' / 'deck').rglob('deck_*.f90'))
 
 
@@ -39,6 +40,7 @@ def test_the_readers_were_found():
 @pytest.mark.parametrize('word', known_words())
 def test_every_word_of_the_reader_stands_in_the_reference(word):
     assert re.search(rf"`'?{word}\b|\b{word}'?[`=]|`[^`\n]*\b{word}\b[^`\n]*`", REFERENCE), word
+    assert re.search(rf"\b{word}\b", MANUAL), word
 
 
 def known_groups():
@@ -50,6 +52,7 @@ def known_groups():
 @pytest.mark.parametrize('group', known_groups())
 def test_every_group_stands_in_the_reference(group):
     assert f'`&{group}`' in REFERENCE
+    assert f'.B &{group}\n' in MANUAL
 
 
 def test_default_rates_of_baumgartes_terms_are_a_tenth_over_the_step_in_use(run_deck):

@@ -228,7 +228,7 @@ contains
       quoted(deck%written(token)))
     if (token%form == null_value) call deck%complain(name, name//' has an empty value, expected text in quotes')
     if (token%form == expression_value) call deck%complain(name, name//'='//deck%written(token)//' is a number, expected text '// &
-      'in quotes')
+      'in quotes, without braces')
   end subroutine text_of
 
   !> A real number from one value.

@@ -2,7 +2,7 @@
 !> reason, and no conversion can overflow.
 module deck_numbers
   use kinds, only: wp, ip
-  use text, only: lower
+  use text, only: lower, short_text
   implicit none (type, external)
   private
   public :: read_real, read_integer, whole_number, check_range
@@ -24,6 +24,8 @@ contains
       problem = out_of_integers
     else if (abs(x - anint(x)) > 1.0e-9_wp) then
       problem = 'is no whole number, expected one'
+      if (abs(x - anint(x)) < 1.0e-3_wp) problem = 'differs from a whole number by '//short_text(x - anint(x), 1)// &
+        ', expected at most 1e-9'
     else
       n = nint(x)
     end if

@@ -214,7 +214,8 @@ contains
           call deck%nearest(file, in_parameter, trim(names(j)), best)
           if (len(best) == 0) best = nearest_constant(names(j))
           if (len(best) > 0) best = 'did you mean '//best//'?'
-          if (len(best) == 0) best = 'expected a &parameter, a constant or a function'
+          if (len(best) == 0) best = 'expected a &parameter, a constant or a function; '// &
+            'names of other things stand in quotes, without braces'
           problem = 'has the unknown name '//trim(names(j))//', '//best
           return
         end if

@@ -70,6 +70,7 @@ contains
   end function exponent_length
 
   !> The names in an expression that are neither constants nor functions, in lower case, each as often as it stands there.
+  !> Text in quotes, a fault of its own, has none.
   pure subroutine find_names(text, names, count)
     character(*), intent(in) :: text
     character(name_letters), intent(out) :: names(most_names)   !! a longer one is cut: no parameter has it
@@ -79,7 +80,7 @@ contains
     names = ''
     if (len(text) > longest) return
     now = next_symbol(text, symbol())
-    do while (now%kind /= ' ' .and. count < most_names)
+    do while (scan(now%kind, ' ''"') == 0 .and. count < most_names)
       next = next_symbol(text, now)
       if (now%kind == 'a' .and. next%kind /= '(') then
         if (.not. is_reserved(text(now%first:now%last))) then
@@ -259,6 +260,8 @@ contains
         now = next_symbol(text, now)
         call read_sum(x)
         call close_parenthesis()
+      case ('''', '"')
+        call fail('has text in quotes, expected a number, a name or (; text stands in quotes without braces')
       case (' ')
         call fail('ends too early, expected a number, a name or ( at its end')
       case default
