@@ -40,7 +40,7 @@ class Picture:
         self.rails = [axis.plot([], [], "-", color="#aaaaaa", lw=1.0, zorder=1)[0] for _ in scene.sliders]
         self.links = [axis.plot([], [], "-", color=DARK, lw=2.5, zorder=2)[0] for _ in scene.links]
         self.springs = [axis.plot([], [], ":", color=DARK, lw=1.5, zorder=2)[0] for _ in scene.springs]
-        self.stops = [axis.plot([], [], "-", lw=2.0, zorder=2)[0] for _ in scene.stops]
+        self.stops = [axis.plot([], [], "-", zorder=4.5)[0] for _ in scene.stops]  # seen beside what touches them
         self.wall = 0.03 * max(high - low)
         self.bodies = [
             axis.plot([], [], color=colour, ls=style, lw=2.2, zorder=3)[0]
@@ -63,8 +63,8 @@ class Picture:
         lines += [*self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
         self.moving = [*sorted(lines, key=lambda line: line.zorder), *self.names, self.stamp]
 
-    def show(self, row: int) -> None:
-        """Move everything to one row of the motion."""
+    def show(self, row: int, since: int | None = None) -> None:
+        """Move everything to one row of the motion; stops that have touched since an earlier row are drawn as touched."""
         scene = self.scene
         for line, dots, body in zip(self.bodies, self.nodes, scene.bodies.values()):
             outline = scene.outline(body, row)
@@ -86,7 +86,8 @@ class Picture:
         for line, stop in zip(self.stops, scene.stops):
             wall, touches = stop.walls(scene, row, self.wall)
             line.set_data(*wall.T)
-            line.set_color(TOUCHED if touches else DARK)
+            touches |= since is not None and stop.struck_within(scene.time[since], scene.time[row])
+            line.set(color=TOUCHED if touches else DARK, linewidth=3.5 if touches else 2.0)
         _dots(self.lumps, [scene.at(place, row) for place in scene.lumps])
         _dots(self.blocks, [scene.at(place, row) for place, _, _ in scene.sliders])
         _dots(self.pins, [scene.at(place, row) for place in scene.pins])
@@ -135,25 +136,37 @@ def film(scene: Mechanism, frames: int) -> list[Image.Image]:
         canvas.draw()
         still = canvas.copy_from_bbox(figure.bbox)
         images = []
-        for row in rows:
+        for row, since in zip(rows, [0, *rows]):
             canvas.restore_region(still)
-            picture.show(row)
+            picture.show(row, since)
             for artist in picture.moving:
                 axis.draw_artist(artist)
             images.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB"))
     return images
 
 
+def snapshot_rows(scene: Mechanism, pictures: int) -> np.ndarray:
+    """Return rows evenly spread over time; those between the ends move to the nearest contact, less than half their distance."""
+    last = len(scene.time) - 1
+    rows = np.linspace(0, last, pictures).round().astype(int)
+    struck = np.unique(np.searchsorted(scene.time, np.concatenate([np.zeros(0), *(stop.struck for stop in scene.stops)])))
+    for k in range(1, pictures - 1):
+        near = struck[2 * pictures * np.abs(struck - rows[k]) < last] if len(struck) else struck
+        if len(near):
+            rows[k] = near[np.argmin(np.abs(near - rows[k]))]
+    return rows
+
+
 def sheet(scene: Mechanism, pictures: int = 6, title: str = "") -> plt.Figure:
-    """Return a figure of that many snapshots, evenly spread over time."""
-    rows = np.linspace(0, len(scene.time) - 1, pictures).round().astype(int)
+    """Return a figure of that many snapshots, evenly spread over time but where a stop is struck nearby: then of that moment."""
+    rows = snapshot_rows(scene, pictures)
     corners = scene.extent()
     lines, columns, width, height = tiles(pictures, *corners)
     with plt.rc_context(LOOK | {"axes.grid": False, "font.size": 9}):
         size = (width * columns + 0.5, (height + 0.15) * lines + 0.7)
         figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
         for axis, row in zip(axes.flat, rows):
-            Picture(axis, scene, corners, named=axis is axes[0, 0]).show(row)
+            Picture(axis, scene, corners, named=axis is axes[0, 0]).show(row, max(row - 1, 0))
         for axis in axes.flat[pictures:]:
             axis.axis("off")
         figure.supxlabel("x [m]", fontsize=9)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .histories import History, read_summary
+from .histories import History, read_events, read_summary
 from .result_files import HistoryError
 
 NODE = re.compile(r"(?P<body>.+)\.(?P<node>\d+)\.x")
@@ -80,6 +80,8 @@ class Stop:
     lower: float | None
     upper: float | None
     angular: bool = False
+    name: str = ""
+    struck: np.ndarray = field(default_factory=lambda: np.zeros(0))  # times of its events, at which it touches or lets go [s]
 
     def walls(self, scene: Mechanism, row: int, half: float) -> tuple[np.ndarray, bool]:
         """Return the line to draw, shape (n, 2) [m], NaN rows between walls of half that length, and whether a touches one."""
@@ -103,6 +105,10 @@ class Stop:
         feet = [a + (limit - x) * along for limit in limits]
         walls = [point for foot in feet for point in (foot - across, foot + across, [np.nan] * 2)]
         return np.array(walls), self.beyond(x)
+
+    def struck_within(self, start: float, end: float) -> bool:
+        """Return whether it has touched or let go after a time and until another [s]."""
+        return bool(np.any((start < self.struck) & (self.struck <= end)))
 
     def beyond(self, x: float) -> bool:
         """Return whether a limit is reached."""
@@ -238,6 +244,9 @@ def from_run(motion: History, exaggerate: float = 1.0) -> Mechanism:
     mechanism = from_motion(motion, exaggerate)
     if (motion.path.parent / "summary.json").is_file():
         add_scene(mechanism, read_summary(motion.path.parent), motion.path.parent / "summary.json")
+        events = read_events(motion.path.parent)
+        for stop in mechanism.stops:
+            stop.struck = np.array([event.time for event in events if event.element.lower() == stop.name.lower()])
     return mechanism
 
 
@@ -303,7 +312,7 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
         a, b = place(stop["a"]), place(stop["b"])
         turned = frames[stop["b"]["body"].lower()][2] if b.body else 0.0
         direction = stop["direction"] - turned if stop["kind"] == "position" else None
-        mechanism.stops.append(Stop(a, b, direction, stop["lower"], stop["upper"], stop["kind"] == "rotation"))
+        mechanism.stops.append(Stop(a, b, direction, stop["lower"], stop["upper"], stop["kind"] == "rotation", stop["name"]))
     for item in [*(drive["a"] for drive in scene["drives"]), *(force["at"] for force in scene["forces"])]:
         place(item)
     mechanism.lumps += [place(lump["at"]) for lump in scene.get("lumps", [])]  # older runs do not tell them

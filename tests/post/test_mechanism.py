@@ -150,6 +150,20 @@ def test_a_motion_file_has_frames():
         mechanism.from_motion(History(Path("history.txt"), ["t"], {"t": "s"}, np.zeros((2, 1))))
 
 
+def test_a_contact_between_two_pictures_is_seen():
+    """Twelve seconds, a blow from 4.2 s to 4.3 s: the film's next picture shows it, and the sheet's nearest one moves there."""
+    time = np.arange(13.0)
+    ball = Body(np.column_stack([np.abs(time - 4.2) + 0.1, 0.0 * time, 0.0 * time]), np.zeros((13, 0, 2)), np.zeros((0, 2)))
+    stop = Stop(Place(ball, None, np.zeros(2)), Place(None, None, np.zeros(2)), 0.0, 0.0, None, struck=np.array([4.2, 4.3]))
+    scene = Mechanism(time, {"ball": ball}, stops=[stop])
+    assert animate.snapshot_rows(scene, 4).tolist() == [0, 5, 8, 12]
+    picture = animate.Picture(animate.plt.figure().gca(), scene)
+    for since, row, colour in ((0, 4, animate.DARK), (4, 8, animate.TOUCHED), (8, 12, animate.DARK)):
+        picture.show(row, since)
+        assert picture.stops[0].get_color() == colour
+    animate.plt.close("all")
+
+
 def test_walls_of_stops_stand_where_they_limit_and_tell_what_touches():
     """A wall 0.5 m along x of the turned body b, a hole of 0.1 m about the same point, the end of a turn by a radian."""
     plate = Body(np.array([[1.0, 2.0, QUARTER]]), np.zeros((1, 0, 2)), np.zeros((0, 2)))
