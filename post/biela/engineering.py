@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from . import deck_text
 from .histories import History
@@ -27,10 +28,10 @@ WAYS = {
 LOSSES = {"stops": "stop {}", "friction": "friction of joint {}"}  # lists of the summary, and what their items are called
 
 
-def _peak(time: np.ndarray, size: np.ndarray, unit: str) -> str:
-    """Return the largest value and its time, '' where nothing is more than zero."""
+def _peak(time: np.ndarray, size: np.ndarray, unit: str, place: str = "") -> str:
+    """Return the largest value, where it is and its time, '' where nothing is more than zero."""
     k = int(np.argmax(size))
-    return f"{size[k]:.4g} {pretty_unit(unit)} at t = {time[k]:.4g} s" if size[k] > 0.0 else ""
+    return f"{size[k]:.4g} {pretty_unit(unit)} at {place}t = {time[k]:.4g} s" if size[k] > 0.0 else ""
 
 
 def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str, str]]:
@@ -45,56 +46,66 @@ def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str
             yield f"largest deflection, {name}", f"{size[row, node]:.4g} m{share} at node {node + 1}, t = {scene.time[row]:.4g} s"
 
 
-def of_history(table: History, kinds: dict[str, str], rounding: set[str]) -> Iterator[tuple[str, str]]:
-    """Yield the largest values of sensors; kinds: of each sensor, by name; rounding: columns that hold nothing else."""
+def of_history(table: History, deck: deck_text.DeckText, rounding: set[str]) -> Iterator[tuple[str, str]]:
+    """Yield the largest values of sensors, of stresses with their place; rounding: columns that hold nothing else."""
+    groups = {group.name: group for group in deck.all("sensor")}
     for name in table.names[1:]:
         sensor, _, part = name.rpartition(".")
-        words, parts = WAYS.get((kinds.get(sensor, ""), part), ("", ()))
+        group = groups.get(sensor.lower())
+        words, parts = WAYS.get((group.word("quantity") if group else "", part), ("", ()))
         if not words or all(f"{sensor}.{one}" in rounding for one in parts):
             continue
         columns = np.abs([table[f"{sensor}.{one}"] for one in parts])
         size = columns.max(axis=0) if part == "m1" else np.linalg.norm(columns, axis=0)
-        if told := _peak(table.time, size, table.units[name]):
+        place = f"element {group.word('element')}, " if group.word("element") else ""
+        if group.word("quantity") == "stress":
+            place = f"node {table[f'{sensor}.node'][int(np.argmax(size))]:.0f}, "
+        if told := _peak(table.time, size, table.units[name], place):
             yield words.format(sensor), told
 
 
-def of_drives(table: History, scene: dict, deck: deck_text.DeckText, motion: Mechanism | None) -> Iterator[tuple[str, str]]:
+def turning_drives(scene: dict, deck: deck_text.DeckText) -> dict[str, dict]:
+    """Return the rotational drives whose reactions sensors measure, by the sensor's name in lower case."""
+    drives = {drive["name"].lower(): drive for drive in scene["drives"] if drive["kind"] == "rotation"}
+    measured = {group.name: group.word("drive") for group in deck.all("sensor") if group.word("quantity") == "reaction"}
+    return {sensor: drives[name] for sensor, name in measured.items() if name in drives}
+
+
+def of_drives(
+    table: History, drives: dict[str, dict], deck: deck_text.DeckText, motion: Mechanism | None
+) -> Iterator[tuple[str, str]]:
     """Yield torque, power and energy of each rotational drive whose reaction is measured and whose turn is known.
 
     Sensors of power and work say theirs, of whatever has such sensors.
     """
     names = {name.lower(): name for name in table.names}
-    measured, powered = {}, set()
+    told = set()
     for group in deck.all("sensor"):
         quantity = group.word("quantity")
-        if quantity == "reaction" and group.word("drive"):
-            measured[group.word("drive")] = group.word("name")
-        column = names.get(group.word("name"))
+        column = names.get(group.name)
         if quantity not in ("power", "work") or column is None:
             continue
         kind = next(one for one in ("drive", "force", "spring", "joint") if group.word(one))
-        of = f"of {kind} {group.word(kind)}"
-        if quantity == "power":
-            powered.add(group.word("drive"))
-            yield f"largest power {of}", _peak(table.time, np.abs(table[column]), "W") or "0 W"
-        else:
-            yield f"work {of}", f"{table[column][-1]:.4g} J"
-    for drive in scene["drives"]:
-        sensor = measured.get(drive["name"].lower(), "")
-        column = names.get(f"{sensor}.m")
-        if drive["kind"] != "rotation" or column is None:
+        told.add((quantity, kind, group.word(kind)))
+        size = f"{table[column][-1]:.4g} J" if quantity == "work" else _peak(table.time, np.abs(table[column]), "W") or "0 W"
+        yield f"{'largest ' * (quantity == 'power')}{quantity} of {kind} {group.word(kind)}", size
+    for sensor, drive in drives.items():
+        name, column = drive["name"].lower(), names.get(f"{sensor}.m")
+        if column is None:
             continue
         torque = table[column]
         mean = np.trapezoid(torque, table.time) / np.ptp(table.time)
         yield f"torque of drive {drive['name']}", f"{_peak(table.time, np.abs(torque), 'Nm') or '0 N m'}; mean {mean:.4g} N m"
-        if motion is None or len(motion.time) < 3 or drive["name"].lower() in powered:
+        if motion is None or len(motion.time) < 3:
             continue
         turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
         angle = turns[0] - (turns[1] if len(turns) > 1 else 0.0)
         inside = (table.time >= motion.time[0]) & (table.time <= motion.time[-1])
-        power = torque[inside] * np.interp(table.time[inside], motion.time, np.gradient(angle, motion.time))
-        energy = np.trapezoid(power, table.time[inside])
-        yield f"power of drive {drive['name']}", f"{_peak(table.time[inside], np.abs(power), 'W') or '0 W'}; energy {energy:.4g} J"
+        power = torque[inside] * CubicSpline(motion.time, angle)(table.time[inside], 1)
+        if ("power", "drive", name) not in told:
+            yield f"largest power of drive {drive['name']}", _peak(table.time[inside], np.abs(power), "W") or "0 W"
+        if ("work", "drive", name) not in told:
+            yield f"work of drive {drive['name']}", f"{np.trapezoid(power, table.time[inside]):.4g} J"
 
 
 def of_energy(table: History, transient: dict) -> Iterator[tuple[str, str]]:
@@ -140,14 +151,11 @@ def of_modes(figures: dict) -> Iterator[tuple[str, str]]:
 
 
 def materials(deck: deck_text.DeckText) -> list[tuple[str, Material, tuple[float, float]]]:
-    """Return name, modulus and band [Hz] of each viscoelastic material that a deck states in numbers."""
+    """Return name, modulus and band [Hz] of each viscoelastic material of a deck."""
     found = []
     for group in deck.all("material"):
-        try:
-            law, band = of_group(group), group.numbers("band")
-            scale = group.number("ghm_frequency_scale", 1.0)
-        except deck_text.DeckError:  # expressions, which only the solver evaluates
-            continue
+        law, band = of_group(group), group.numbers("band")
+        scale = group.number("ghm_frequency_scale", 1.0)
         if law.internal_variables:
             ends = (scale * band[0], scale * band[1]) if len(band) == 2 else (law.slowest_pole / 20.0, law.fastest_pole / 2.0)
             found.append((group.name, law, ends))

@@ -182,21 +182,19 @@ def findings(run: Run) -> dict[str, str]:
         reach = {body["name"].lower(): np.array(body["nodes"] or [[0.0, 0.0]], dtype=float) for body in scene["bodies"]}
         found += engineering.of_motion(moved, {name: float(np.linalg.norm(np.ptp(nodes, axis=0))) for name, nodes in reach.items()})
     if table is not None:
-        kinds = {sensor["name"]: sensor["kind"] for sensor in scene["sensors"]}
-        rounding = set(table.names[1:]) - set(plot.moving([table], table.names[1:]))
-        found += engineering.of_history(table, kinds, rounding)
-        found += engineering.of_drives(table, scene, deck, moved)
+        drives = engineering.turning_drives(scene, deck)
+        left_out = set(table.names[1:]) - set(plot.moving([table], table.names[1:]))
+        left_out |= {name for name in table.names if name.endswith(".m") and name[:-2].lower() in drives}
+        found += engineering.of_history(table, deck, left_out)
+        found += engineering.of_drives(table, drives, deck, moved)
     if energies is not None:
         found += engineering.of_energy(energies, run.figures.get("transient", {}))
     return dict([*found, *engineering.of_modes(run.figures)])
 
 
 def parse_deck(run: Run) -> deck_text.DeckText:
-    """Return the deck that a run kept, without what it includes."""
-    try:
-        return deck_text.parse(run.figures["deck_text"])
-    except deck_text.DeckError:
-        return deck_text.parse("")
+    """Return the deck that a run kept, in numbers, with its parts in their places."""
+    return deck_text.parse(run.figures["flat_deck"])
 
 
 def results(runs: list[Run]) -> Section:

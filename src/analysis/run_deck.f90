@@ -61,24 +61,20 @@ contains
     type(fault_list) :: faults
     type(failure) :: fail
     type(stability_advice) :: advice
-    character(:), allocatable :: words, flat
+    character(:), allocatable :: words
     type(summary_record) :: text
     integer :: k
     call system_clock(run%began)
     status = status_bad_input
-    if (options%flat) then
-      call read_deck(path, run%d, faults, options%settings, flat)
-    else
-      call read_deck(path, run%d, faults, options%settings)
-      if (faults%count == 0) call begin_model(run%d)
-      if (faults%count == 0) call prepare_run(run, faults, fail)
-    end if
-    if (faults%count > 0) then
-      call faults%print()
+    call read_deck(path, run%d, faults, options%settings, options%flat)
+    if (options%flat .and. faults%count == 0) then
+      call print_words(path, run%d%flat, status)
       return
     end if
-    if (options%flat) then
-      call print_words(path, flat, status)
+    if (faults%count == 0) call begin_model(run%d)
+    if (faults%count == 0) call prepare_run(run, faults, fail)
+    if (faults%count > 0) then
+      call faults%print()
       return
     end if
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)

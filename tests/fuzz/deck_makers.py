@@ -62,7 +62,7 @@ def materials(dice: random.Random) -> str:
     for name in "mn":
         terms_of = terms(dice)
         more = terms_of + maybe(dice, 0.2, " rayleigh_mass=0.4") + maybe(dice, 0.2, " rayleigh_stiffness=1e-5")
-        more += maybe(dice, 0.2 * ("_" in terms_of), " ghm_frequency_scale=1.7")
+        more += maybe(dice, 0.2 * ("_" in terms_of), " ghm_frequency_scale=1.7") + maybe(dice, 0.2, " band=1,500")
         text += f"&material name='{name}' density={some(dice, 2.5, 4)} young={some(dice, 7, 10)}{more} /\n"
     shapes = [
         "area=1e-4 inertia=1e-9",
@@ -85,12 +85,12 @@ def body(dice: random.Random, name: str) -> tuple[str, str, int]:
             0,
         )
     option = dice.choice(["", "", "stiffening=.true.", "modes=", "modes=", "flexible=.false.", "viscoelastic=.false."])
+    option += maybe(dice, 0.5 * ("visco" in option), " modulus_at=20")
     option += dice.choice(
         ["", "", " reference='clamped'", " reference='pinned'", " reference_node=1,1,-1 reference_dof='u','v','v'"]
     )
-    option = option.replace(
-        "modes=", f"modes={dice.randint(1, 3)} " + maybe(dice, 0.3 * ("ref" not in option), "reference='free' ")
-    )
+    more = maybe(dice, 0.2, "static_shapes=.true. ") + maybe(dice, 0.3 * ("ref" not in option), "reference='free' ")
+    option = option.replace("modes=", f"modes={dice.randint(1, 3)} {more}")
     if kind == "beam":
         nodes = dice.randint(1, 5) + 1
         made = f"length={some(dice, -1.5, 0.5)} elements={nodes - 1}"
@@ -262,6 +262,9 @@ def transient(dice: random.Random) -> str:
     end = dice.choice([1e-3, 1e-3, 1e-2])
     method = dice.choice(METHODS)
     explicit = method in ("rk4", "dopri5")
+    if dice.random() < 0.1:
+        more = maybe(dice, 0.1, " check_reduction=.true.") + maybe(dice, 0.1, " check_mesh=.true.")
+        return f"&transient t_end={end} accuracy={some(dice, -3, -1)} most_seconds=60{more} /\n"
     how = f"step={end / dice.choice([20, 50, 200] if explicit else [1, 7, 40, 200]):.6g}"
     if method != "rk4" and dice.random() < 0.6:
         how = f"tolerance={some(dice, -7, -2)}" + maybe(dice, 0.2, " first_step=1e-5") + maybe(dice, 0.2, " max_step=1e-3")
@@ -287,7 +290,8 @@ def analyses(dice: random.Random, text: str) -> str:
     )
     entries = [name for name in ("f0", "d") if f"name='{name}'" in text]
     if entries and dice.random() < 0.2:
-        made += f"&frequency_response from=0.5 to={some(dice, 0, 4)} points=5 input='{dice.choice(entries)}' /\n"
+        made += f"&frequency_response from=0.5 to={some(dice, 0, 4)} points=5 input='{dice.choice(entries)}'"
+        made += maybe(dice, 0.3, " spacing='linear'") + maybe(dice, 0.3, " friction='free'") + " /\n"
     return made + maybe(dice, 0.9, transient(dice))
 
 

@@ -86,9 +86,9 @@ def test_sections_are_those_that_the_runs_have(page):
     ]
 
 
-def test_what_a_designer_asks_comes_first(run_deck):
-    """A rigid arm, turned by 2 N m at a constant rate of 3 rad/s against a damper: the drive's work is lost in it."""
-    deck = """&body name='arm' kind='rigid' mass=1.0 inertia=0.1 /
+def test_what_a_designer_asks_comes_first(run_deck, tmp_path):
+    """A part, a rigid arm, turned by 2 N m at a constant rate of 3 rad/s against a damper: the drive's work is lost in it."""
+    part = """&body name='arm' kind='rigid' mass=1.0 inertia=0.1 /
 &joint name='pin' type='revolute' body_a='arm' /
 &spring name='d' type='torsional' body_a='arm' stiffness=1e-9 damping=0.6666666666666666 /
 &history name='h' kind='polynomial' coefficients=0.0,3.0 /
@@ -97,19 +97,21 @@ def test_what_a_designer_asks_comes_first(run_deck):
 &sensor name='Spent' quantity='work' drive='motor' /
 &sensor name='p' quantity='reaction' joint='pin' /
 &sensor name='taken' quantity='power' spring='d' /
-&material name='rubber' density=1e3 young=1e6 prony_alpha=1.0 prony_tau=0.01 band=1.0,100.0 /
+&material name='rubber' density=1e3 young={1*MPa} prony_alpha=1.0 prony_tau=0.01 band=1.0,100.0 /
 &transient t_end=1.0 method='rk4' step=1e-2 output_step=1e-2 motion_step=1e-2 /
 """
+    (tmp_path / "part.nml").write_text(part)
+    deck = "&include file='part.nml' prefix='a_' /\n"
     run = report_tool.load(run_deck(deck).folder, "arm", "A")
     found = report_tool.findings(run)
-    assert re.fullmatch(r"2 N m at t = \S+ s; mean 2 N m", found["torque of drive motor"])
-    assert re.fullmatch(r"6 W at t = \S+ s; energy 6 J", found["power of drive motor"])
-    assert (found["work of drives and loads"], found["energy lost in spring d"]) == ("6 J", "6 J")
-    assert found["work of drive motor"] == "6 J"
-    assert re.fullmatch(r"6 W at t = \S+ s", found["largest power of spring d"])
-    assert "largest force, p" not in found, "rounding"
+    assert re.fullmatch(r"2 N m at t = \S+ s; mean 2 N m", found["torque of drive a_motor"])
+    assert re.fullmatch(r"6 W at t = \S+ s", found["largest power of drive a_motor"])
+    assert found["work of drive a_motor"] == "6 J"
+    assert (found["work of drives and loads"], found["energy lost in spring a_d"]) == ("6 J", "6 J")
+    assert re.fullmatch(r"6 W at t = \S+ s", found["largest power of spring a_d"])
+    assert "largest force, a_p" not in found, "rounding"
     first = report_tool.results([run])
-    assert first.parts[-1].pictures[0].caption == "arm: modulus of material rubber"
+    assert first.parts[-1].pictures[0].caption == "arm: modulus of material a_rubber"
     assert run.outcome == "done, within what the model can tell"
     run.figures["warnings"].append("body bends too far")
     assert run.outcome == "done, but with 1 warning"

@@ -19,7 +19,7 @@ def test_decks_of_a_batch_end_as_they_should(number, biela):
     judged = fuzz.judge(biela, fuzz.drawn(number, 50), twin=True)
     statuses = [status for _, _, status in judged]
     assert [f"seed {number}: {fault}\n{deck.decode('latin-1')}" for deck, fault, _ in judged if fault] == []
-    assert statuses.count(0) > 5
+    assert statuses.count(0) > 2
     assert statuses.count(2) > 5
 
 

@@ -33,12 +33,12 @@ module deck_reader
 contains
 
   !> Reads the deck of a file. It must not be used if there are faults.
-  subroutine read_deck(path, d, faults, settings, flat)
+  subroutine read_deck(path, d, faults, settings, library)
     character(*), intent(in) :: path               !! file name as the user gave it
     type(deck), intent(out) :: d                   !! the deck
     type(fault_list), intent(out) :: faults        !! everything that is wrong with it
-    character(*), intent(in), optional :: settings(:)          !! NAME=VALUE of parameters that the command line sets
-    character(:), allocatable, intent(out), optional :: flat   !! the deck, or a library without bodies, as one text of numbers
+    character(*), intent(in), optional :: settings(:)       !! NAME=VALUE of parameters that the command line sets
+    logical, intent(in), optional :: library       !! a deck without bodies is no fault
     type(deck_source) :: source
     type(parameter_value), allocatable :: p(:)
     type(text_buffer) :: text
@@ -47,6 +47,7 @@ contains
     integer, allocatable :: kinds(:)               ! kind of each group of the list, 0: not to be read
     integer :: numbers(group_kinds)                ! how many of each kind
     integer :: k
+    logical :: needed                              ! a body is
     d%path = path
     d%name = deck_name(path)
     allocate (list(0))
@@ -72,11 +73,11 @@ contains
     call check_histories(source, d%histories, d%transient%t_end)
     call list_settings()
     d%text = text%all()//table_files(d%histories)//d%settings
-    if (source%names(in_body)%is_empty() .and. .not. present(flat)) call source%faults%add(path, 0, '', 'no &body, expected '// &
-      'at least one')
+    needed = .true.
+    if (present(library)) needed = .not. library
+    if (needed .and. source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
     call sort_faults()
-    if (present(flat)) flat = ''
-    if (present(flat) .and. faults%count == 0) flat = flat_text(source%parts, d%parameters%name, d%parameters%value)
+    if (faults%count == 0) d%flat = flat_text(source%parts, d%parameters%name, d%parameters%value)
   contains
     !> Finds the kind of every group, counts them and registers the names.
     subroutine classify()
