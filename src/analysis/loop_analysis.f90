@@ -161,6 +161,7 @@ contains
     real(wp) :: low, high
     integer :: i, j, k
     moving = pack(lambda, abs(lambda) > 1.0e-7_wp*maxval(abs(lambda)))
+    if (size(moving) == 0) moving = [(1.0_wp, 0.0_wp)]   ! a mechanism that cannot move: any frequency shows what there is
     low = 0.01_wp*minval(abs(moving))
     high = 10*maxval(abs(moving))
     omega = [(low*(high/low)**(k/(per_decade*log10(high/low))), k=0, int(per_decade*log10(high/low)) + 1), &
