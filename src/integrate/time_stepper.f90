@@ -268,13 +268,14 @@ contains
     work = 0.0_wp                             ! [-]
   end function no_implicit_work
 
-  !> The state at t, and the unknown whose estimated error was largest in the last step; 0: errors are not estimated.
-  subroutine nothing_limits(self, y, unknown)
+  !> The state at t, and the estimated error of an unknown in the last step. Which one: 0 asks for that with the largest error, and
+  !> 0 is the answer where errors are not estimated.
+  subroutine nothing_limits(self, y, unknown, error)
     class(stepper), intent(in) :: self
     real(wp), intent(inout) :: y(:)           !! (n) state [unit of each unknown]
-    integer, intent(out) :: unknown
+    integer, intent(inout) :: unknown
+    real(wp), intent(inout) :: error          !! [unit of that unknown, or per second]
     y = self%y
-    unknown = 0
   end subroutine nothing_limits
 
   !> A line for the summary about the method's own work; most methods have none.

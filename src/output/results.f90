@@ -12,7 +12,7 @@ module results
   use text_file, only: result_file
   implicit none (type, external)
   private
-  public :: result_set, remove_results
+  public :: result_set, remove_results, pass_suffix
 
   integer, parameter :: history = 1, energies = 2, motion = 3, events = 4
   character(*), parameter :: names(4) = [character(12) :: '/history.txt', '/energy.txt', '/motion.txt', '/events.txt']
@@ -41,6 +41,13 @@ module results
   end type result_set
 
 contains
+
+  !> How the names of a pass's files end until they count.
+  pure function pass_suffix(pass) result(suffix)
+    integer, intent(in) :: pass               !! number
+    character(5) :: suffix
+    suffix = unfinished(1 + mod(pass, 2))
+  end function pass_suffix
 
   !> Opens the files in a folder that exists and writes their headers; without a folder there are no files.
   subroutine open_results(self, folder, deck_name, m, list, with_motion)

@@ -203,7 +203,7 @@ def reductions(table, program: Path, count: int, seed: int, kind: str) -> None:
 
 
 if __name__ == "__main__":
-    bench_promise.LIMIT = 20.0  # of a run [s]
+    bench_promise.LIMIT = 20  # of a run, of the processor [s]
     scenes, first = (int(os.environ.get(f"REDUCTION_{key}", usual)) for key, usual in (("SCENES", "40"), ("SEED", "1")))
     for what in sys.argv[2:] or STUDIES:
         reductions(Printed(), Path(sys.argv[1]).resolve(), scenes, first, what)

@@ -92,7 +92,7 @@ contains
       if (fail%happened()) end%outcome = lost_pass
       end%cost = march%cost(run)
       end%reached = march%last
-      if (c%active) then
+      if (c%active .and. end%reached > 0.0_wp) then
         c%error_ratio = search%comparison()
         if (c%differ_at >= 0.0_wp) c%error_ratio = 1.0_wp        ! two motions: no power of the tolerance is between them
         x = c%error_ratio*c%error/asked_errors(run, c)
@@ -140,6 +140,9 @@ contains
             call text%member('reached', json_number(pass%reached))
           end if
           if (pass%outcome == given_up) call text%words%add(', given up at t = '//short_text(pass%reached, 3)//' s')
+          if (pass%role == witness .and. pass%outcome == given_up .and. .not. pass%reached > 0.0_wp) then
+            call text%words%add(', before its first row: it tells nothing')
+          end if
           if (pass%outcome == lost_pass) call text%words%add(', lost after t = '//short_text(pass%reached, 3)//' s')
           if (pass%worst >= 0.0_wp .and. pass%other > 0) then
             call text%figure('; '//trim(names(pass%column))//' errs by ', 'worst_error_of_asked', pass%worst, 1)
@@ -153,7 +156,7 @@ contains
         end associate
       end do
       call text%close()
-      if (allocated(search%witnessed)) call witnessed_lines(names, search%witnessed, text)
+      if (any(search%witnessed >= 0.0_wp)) call witnessed_lines(names, search%witnessed, text)
       if (len_trim(search%choice) > 0) call text%line('  choice: '//trim(search%choice))
       call text%figure('  cost of all passes: ', 'cost', nint(sum(search%passes(1:search%count)%cost), ip), rest='')
       if (search%over) call text%member('kept', trim(merge('true ', 'false', search%kept)))
@@ -170,7 +173,11 @@ contains
     type(summary_record), intent(inout) :: text
     integer :: k
     call text%open('damped', '{')
-    if (any(x > 0.01_wp)) call text%line('  left out or damped as too small, by the witness: column, part of what is asked')
+    if (any(x > 0.01_wp)) then
+      call text%line('  left out or damped as too small, by the witness: column, part of what is asked')
+    else
+      call text%line('  left out or damped as too small, by the witness: no column shows a hundredth of what is asked')
+    end if
     do k = 1, size(x)
       if (x(k) > 0.01_wp) call text%figure('    '//trim(names(k))//' ', trim(names(k)), x(k), 1, rest='')
     end do

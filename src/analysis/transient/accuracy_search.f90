@@ -10,7 +10,7 @@ module accuracy_search
   use text, only: es_text
   implicit none (type, external)
   private
-  public :: has_fixed_steps
+  public :: has_fixed_steps, smallest_accuracy
 
   !> How a pass ended.
   integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
@@ -60,7 +60,7 @@ module accuracy_search
     character(160) :: reason = ''             !! why the accuracy is not kept
     type(pass_rows) :: rows
     type(summary_record) :: found             !! what the summary says of the pass that is delivered
-    real(wp), allocatable :: witnessed(:)     !! (columns) what the last witness had and the results not, of what is asked [-]
+    real(wp), allocatable :: witnessed(:)     !! (columns) what a witness has beside the results, of what is asked, < 0: unknown [-]
     logical, private :: free = .false.        !! of methods
     logical, private :: rings = .false.       !! vibrations that a pass may damp do not die by themselves
     real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
@@ -96,13 +96,13 @@ contains
     self%began = began
     associate (r => d%transient)
       self%free = r%free_method
-      self%accuracy = r%accuracy
-      if (size(d%sensors) > 0) self%accuracy = minval(merge(d%sensors%accuracy, r%accuracy, d%sensors%accuracy > 0.0_wp))
+      self%accuracy = smallest_accuracy(d)
       if (bounds(2) < huge(1.0_wp)) self%explicit_cost = step_evaluations*r%t_end/bounds(2)
       self%output_step = r%output_step
       self%first_step = r%output_step
       if (r%method == 'rk4') self%first_step = actual_step(r%output_step, min(safe_share*bounds(1), r%output_step))
       allocate (self%rows%values(columns, 0:outputs), source=0.0_wp)
+      allocate (self%witnessed(columns), source=-1.0_wp)
       if (.not. self%free) then
         first = pass_record(member, method=r%method, setting=first_setting(self, r%method))
       else if (self%explicit_cost > 0.0_wp) then
@@ -115,6 +115,13 @@ contains
     end associate
     call add(self, first)
   end subroutine begin
+
+  !> The smallest accuracy that a deck asks of its columns.
+  pure real(wp) function smallest_accuracy(d) result(accuracy)
+    type(deck), intent(in) :: d
+    accuracy = d%transient%accuracy           ! [-]
+    if (size(d%sensors) > 0) accuracy = minval(merge(d%sensors%accuracy, accuracy, d%sensors%accuracy > 0.0_wp))
+  end function smallest_accuracy
 
   !> Where a method begins. dopri5 also measures accelerations, so that its columns err by some ten tolerances.
   pure real(wp) function first_setting(self, method) result(setting)
@@ -249,6 +256,7 @@ contains
       call self%rows%turn()
       self%stored = self%count
       self%delivered = self%count
+      self%witnessed = -1.0_wp
     else
       if (pass%role /= witness) self%rows%whole = .false.     ! rows were put over those of the pass before
       if (pass%role /= witness) self%stored = 0
@@ -428,6 +436,7 @@ contains
         call a%exchange(pass%differ_at)
       end associate
     end do
+    call a%exchange(self%witnessed)
     call a%exchange(self%stored)
     call a%exchange(self%delivered)
     call a%exchange(self%choice)

@@ -1,6 +1,7 @@
 !> Whether a run by tolerance spends its steps on a vibration that no column shows. Now and then the ends of some steps in a row are
-!> looked at: where the unknown that limits the step swings regularly about a slower motion, and all columns swing by less than a
-!> thousandth of their ranges, `accuracy` would ask for less. A step itself costs what it costs without this watch.
+!> looked at: where the estimated error that limits the step swings regularly, the steps follow a vibration, and where all columns
+!> swing by less than a thousandth of their ranges, `accuracy` would ask for less. A step itself costs what it costs without this
+!> watch.
 module followed_vibration
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -30,7 +31,7 @@ module followed_vibration
     integer :: count = 0                       !! samples of the look under way
     integer :: unknown = 0                     !! that limited the step when it began
     real(wp) :: t(samples) = 0.0_wp            !! [s]
-    real(wp) :: rate(samples) = 0.0_wp         !! of that unknown [m/s, rad/s]
+    real(wp) :: error(samples) = 0.0_wp        !! of that unknown in the step that ends there [of it, or per second]
     real(wp), allocatable :: values(:, :)      !! (columns, samples) [of the column]
     type(column_range) :: seen                 !! values of all columns so far
     real(wp), allocatable :: y(:)              !! (ny) work: a state [m, rad], [m/s, rad/s], [J]
@@ -72,27 +73,28 @@ contains
     class(vibration_watch), intent(inout) :: self
     type(run_state), intent(inout) :: run
     class(stepper), intent(in) :: method
-    integer :: unknown, n
+    integer :: n
+    real(wp) :: error                                   ! [unit of the unknown, or per second]
     logical :: ok
     if (.not. self%active .or. method%steps < self%next) return
     if (.not. allocated(self%y)) self%y = method%y      ! a restart has none
-    call method%limiting(self%y, unknown)
-    unknown = rate_of(run, unknown)
-    if (self%count == 0) self%unknown = unknown
+    if (self%count == 0) self%unknown = 0
+    error = 0.0_wp
+    call method%limiting(self%y, self%unknown, error)
     call run%sys%report(method%t, self%y, ok)
     self%count = self%count + 1
     self%t(self%count) = method%t
-    if (unknown > 0) self%rate(self%count) = self%y(self%unknown)
+    self%error(self%count) = error
     call compared_row(run, self%y, self%values(:, self%count))
     call self%seen%note(self%values(:, self%count))
     self%next = method%steps + self%apart
-    ok = ok .and. unknown > 0
+    ok = ok .and. self%unknown > 0 .and. self%unknown <= 2*run%sys%m%s%nq
     if (ok .and. self%count < samples) return
     if (ok) call judge(self, run, n)
     if (ok .and. n <= least_swings .and. self%apart < most_apart) then
       self%count = samples/2
       self%t(:self%count) = self%t(2::2)
-      self%rate(:self%count) = self%rate(2::2)
+      self%error(:self%count) = self%error(2::2)
       self%values(:, :self%count) = self%values(:, 2::2)
       self%apart = 2*self%apart
       return
@@ -105,23 +107,13 @@ contains
     if (self%column > 0) self%active = .false.
   end subroutine look
 
-  !> The rate of a coordinate among all unknowns; 0: it has none.
-  pure integer function rate_of(run, unknown) result(rate)
+  !> The body of a coordinate or rate.
+  pure integer function body_of(run, unknown) result(body)
     type(run_state), intent(in) :: run
     integer, intent(in) :: unknown
-    rate = 0
-    associate (nq => run%sys%m%s%nq)
-      if (unknown > 0 .and. unknown <= 2*nq) rate = nq + 1 + mod(unknown - 1, nq)
-    end associate
-  end function rate_of
-
-  !> The body whose rate an unknown is.
-  pure integer function body_of(run, rate) result(body)
-    type(run_state), intent(in) :: run
-    integer, intent(in) :: rate
     associate (s => run%sys%m%s)
       do body = size(s%bodies), 2, -1
-        if (rate - s%nq > s%qo(body)) return
+        if (1 + mod(unknown - 1, s%nq) > s%qo(body)) return
       end do
     end associate
   end function body_of
@@ -131,51 +123,52 @@ contains
     class(vibration_watch), intent(inout) :: self
     type(run_state), intent(in) :: run
     integer, intent(out) :: n
-    real(wp) :: x(samples)                     ! [of the column]
     real(wp), dimension(size(self%values, 1)) :: range, share   ! [of the column], [-]
-    real(wp) :: crossings(samples), mean       ! [s]
+    real(wp) :: zero(samples), half            ! times, mean half period [s]
     integer :: k
-    x = swings(self%t, self%rate)
     n = 0
-    do k = 2, samples
-      if (x(k)*x(k - 1) >= 0.0_wp) cycle
-      n = n + 1
-      crossings(n) = self%t(k - 1) + (self%t(k) - self%t(k - 1))*x(k - 1)/(x(k - 1) - x(k))
-    end do
+    associate (t => self%t, x => self%error)
+      do k = 2, samples
+        if (x(k)*x(k - 1) >= 0.0_wp) cycle
+        n = n + 1
+        zero(n) = t(k - 1) + (t(k) - t(k - 1))*x(k - 1)/(x(k - 1) - x(k))
+      end do
+    end associate
     if (n <= least_swings) return
-    mean = (crossings(n) - crossings(1))/(n - 1)
-    if (maxval(crossings(2:n) - crossings(1:n - 1)) > regular*mean) return
+    half = (zero(n) - zero(1))/(n - 1)
+    if (maxval(zero(2:n) - zero(1:n - 1)) > regular*half) return
     range = self%seen%moved(run%sys%m%s, compared_names(run), run%d%transient%t_end)
     share = 0.0_wp
-    do k = 1, size(range)
-      if (range(k) > 0.0_wp) share(k) = maxval(abs(swings(self%t, self%values(k, :))))/range(k)
-    end do
+    where (range > 0.0_wp) share = maxval(abs(fast_parts(self%t, self%values, n/2)), 2)/range
     if (size(share) == 0 .or. maxval(range) <= 0.0_wp .or. any(share > noticed)) return
     self%column = maxloc(share, 1)
     self%share = share(self%column)
     self%body = body_of(run, self%unknown)
-    self%frequency = 0.5_wp/mean
-    self%steps = 2*mean*self%apart*(samples - 1)/(self%t(samples) - self%t(1))
+    self%frequency = 0.5_wp/half
+    self%steps = 2*half*self%apart*(samples - 1)/(self%t(samples) - self%t(1))
     self%at = self%t(samples)
   end subroutine judge
 
-  !> A signal less the polynomial of third degree that comes closest to it.
-  pure function swings(t, x) result(y)
-    real(wp), intent(in) :: t(samples)         !! [s]
-    real(wp), intent(in) :: x(samples)         !! [any]
-    real(wp) :: y(samples)                     !! [any]
-    real(wp) :: p(samples, 0:3)                ! orthonormal polynomials [-]
+  !> Signals less the polynomials that come closest to them. One of half as many degrees as a vibration has swings takes away what
+  !> is slower than a third of its frequency.
+  pure function fast_parts(t, x, degree) result(y)
+    real(wp), intent(in) :: t(:)               !! (samples) [s]
+    real(wp), intent(in) :: x(:, :)            !! (signals, samples) [any]
+    integer, intent(in) :: degree
+    real(wp) :: y(size(x, 1), size(t))         !! [any]
+    real(wp) :: p(size(t)), before(size(t), 0:degree)   ! orthonormal polynomials [-]
     integer :: k, j
     y = x
-    do k = 0, 3
-      p(:, k) = ((2*t - t(1) - t(samples))/(t(samples) - t(1)))**k
+    p = 1.0_wp
+    do k = 0, degree
       do j = 0, k - 1
-        p(:, k) = p(:, k) - dot_product(p(:, j), p(:, k))*p(:, j)
+        p = p - dot_product(before(:, j), p)*before(:, j)
       end do
-      p(:, k) = p(:, k)/norm2(p(:, k))
-      y = y - dot_product(p(:, k), y)*p(:, k)
+      before(:, k) = p/norm2(p)
+      y = y - spread(matmul(y, before(:, k)), 2, size(t))*spread(before(:, k), 1, size(x, 1))
+      p = (2*t - t(1) - t(size(t)))/(t(size(t)) - t(1))*before(:, k)
     end do
-  end function swings
+  end function fast_parts
 
   !> What was found.
   function words(self, run) result(text)
@@ -219,7 +212,7 @@ contains
     call a%exchange(self%at)
     if (.not. allocated(self%values)) return
     call self%seen%exchange(a)
-    if (self%count > 0) call a%exchange(self%t, self%rate)
+    if (self%count > 0) call a%exchange(self%t, self%error)
     if (self%count > 0) call a%exchange(self%values)
   end subroutine exchange
 end module followed_vibration

@@ -2,7 +2,7 @@
 !> tolerance, one of a better model, tell what the other model makes each column err (theory.md, section 12).
 module model_pilot
   use kinds, only: wp, ip
-  use accuracy_search, only: member, pass_record
+  use accuracy_search, only: member, pass_record, smallest_accuracy
   use accuracy_words, only: asked_errors
   use compared_columns, only: compared_names
   use deck_records, only: deck
@@ -68,12 +68,8 @@ contains
   pure real(wp) function pilot_tolerance(d) result(tolerance)
     type(deck), intent(in) :: d
     real(wp), parameter :: usual = 1.0e-6_wp, finer = 1.0e-2_wp, least = 1.0e-10_wp   ! [-]
-    real(wp) :: asked                         ! the smallest one [-]
     tolerance = usual                         ! [-]
-    asked = d%transient%accuracy
-    if (.not. asked > 0.0_wp) return
-    if (size(d%sensors) > 0) asked = minval(merge(d%sensors%accuracy, asked, d%sensors%accuracy > 0.0_wp))
-    tolerance = max(min(usual, finer*asked), least)
+    if (d%transient%accuracy > 0.0_wp) tolerance = max(min(usual, finer*smallest_accuracy(d)), least)
   end function pilot_tolerance
 
   !> Runs a pilot, after the static analysis where the deck has one; where it cannot be run to its end, fail says why.

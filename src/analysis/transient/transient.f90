@@ -21,7 +21,7 @@ module transient
   use mechanism, only: mechanism_model
   use process, only: caught_signal
   use progress, only: progress_line
-  use results, only: result_set, unfinished
+  use results, only: pass_suffix, result_set
   use run_summary, only: announce
   use scene_run, only: run_state, no_output
   use sensors, only: read_sensors
@@ -111,7 +111,7 @@ contains
       run%sys%output_step = r%output_step
       call run%sys%start_switching(0.0_wp, run%y)
       call march%method%begin(run%sys, 0.0_wp, run%y)
-      if (march%search%active) march%files%suffix = unfinished(1 + mod(march%search%count, 2))
+      if (march%search%active) march%files%suffix = pass_suffix(march%search%count)
       associate (search => march%search)
         if (search%rows%whole) call march%check%begin_stored(search%rows, search%passes(search%count)%role == witness)
       end associate
@@ -142,7 +142,7 @@ contains
     logical :: ok
     associate (last => march%search%count - 1)
       if (last == 0 .or. march%search%delivered /= last) return
-      call march%files%publish(run%folder, unfinished(1 + mod(last, 2)), ok)
+      call march%files%publish(run%folder, pass_suffix(last), ok)
       if (.not. ok) call no_output(run, fail)
     end associate
   end subroutine name_last_pass

@@ -122,13 +122,15 @@ contains
     call system%derivative(to, y, .false., self%error)
   end subroutine row
 
-  !> The state, and the unknown whose derivative has the largest error: vibrations show there first.
-  subroutine limiting(self, y, unknown)
+  !> The state, and the error of an unknown's derivative, where vibrations show first; 0: of that with the largest one.
+  subroutine limiting(self, y, unknown, error)
     class(adaptive_stepper), intent(in) :: self
     real(wp), intent(inout) :: y(:)           !! (n) [unit]
-    integer, intent(out) :: unknown
+    integer, intent(inout) :: unknown
+    real(wp), intent(inout) :: error          !! [unit/s]
     y = self%y
-    unknown = self%norm%worst(self%slope, .true.)
+    if (unknown == 0) unknown = self%norm%worst(self%slope, .true.)
+    if (unknown > 0) error = self%error(unknown)
   end subroutine limiting
 
   !> Tries a step of the size that the last error asks for, or passes an event.

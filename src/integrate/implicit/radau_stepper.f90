@@ -340,13 +340,15 @@ contains
     end associate
   end subroutine interpolate
 
-  !> The state, and the unknown with the largest error.
-  subroutine limiting(self, y, unknown)
+  !> The state, and the error of an unknown, 0: of that with the largest one.
+  subroutine limiting(self, y, unknown, error)
     class(radau_march), intent(in) :: self
     real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
-    integer, intent(out) :: unknown
+    integer, intent(inout) :: unknown
+    real(wp), intent(inout) :: error          !! [unit of that unknown]
     y = self%y
-    unknown = self%norm%worst(self%stages%work%e, .false.)
+    if (unknown == 0) unknown = self%norm%worst(self%stages%work%e, .false.)
+    if (unknown > 0) error = self%stages%work%e(unknown)
   end subroutine limiting
 
   !> Processor time of a residual with its share of the matrices is 2.2 times that of an explicit evaluation, as the median of 24
