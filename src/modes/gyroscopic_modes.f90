@@ -125,25 +125,26 @@ contains
     integer, intent(in) :: rigid                       !! how many
     type(mass_operator) :: op
     complex(wp) :: u(ds%n + ds%rows)
-    real(wp) :: kx(ds%n)                               ! [sqrt(kg)/s2]
+    real(wp) :: kx(ds%n, rigid)                        ! [sqrt(kg)/s2]
     real(wp) :: mv(ds%n), length                       ! [sqrt(kg)], [-]
     real(wp), allocatable :: part(:)
+    logical :: mixed(rigid)                            ! holds more of other motions than rounding
     integer :: j
-    logical :: corrected
-    corrected = .false.
+    do j = 1, rigid
+      kx(:, j) = ds%stiffness_times(x(:, j))
+      mixed(j) = abs(dot_product(x(:, j), kx(:, j))) > rounding_level(ds, x(:, j))
+    end do
+    if (.not. any(mixed)) return
     op%ds => ds
     op%shift = shift_of_rigid_motions(ds, x)
     call ds%set(cmplx(op%shift, 0.0_wp, wp), 0.0_wp)
     call ds%factor()
     do j = 1, rigid
-      kx = ds%stiffness_times(x(:, j))
-      if (abs(dot_product(x(:, j), kx)) <= rounding_level(ds, x(:, j))) cycle
-      u = ds%padded(cmplx(kx, 0.0_wp, wp))
+      if (.not. mixed(j)) cycle
+      u = ds%padded(cmplx(kx(:, j), 0.0_wp, wp))
       call ds%solve(u)
       x(:, j) = x(:, j) - real(u(1:ds%n), wp)
-      corrected = .true.
     end do
-    if (.not. corrected) return
     do j = 1, size(x, 2)
       mv = op%mass_times(x(:, j))
       x(:, j) = x(:, j)/sqrt(dot_product(x(:, j), mv))
