@@ -226,7 +226,7 @@ contains
         if (.not. whole <= 1.0e3_wp*reach) return                 ! also where it is not a number
         if (k == 1) then
           goal = max(rounding, min(loose, relative_goal*norm))
-          ok = foreseen(self, norm, whole, exact, system%weakest, reach)
+          ok = foreseen(self, norm, whole, exact, system)
         else
           rate = norm/before
           slowly = slowly .or. (rate > slow .and. whole > blur)
@@ -265,23 +265,22 @@ contains
   !> that what is left is a small part of the step's own error in the rates, or below the rounding of positions (Brown,
   !> Hindmarsh & Petzold 1994, on the convergence test of DASPK). The step's own error is that of its rates (Geradin & Cardona,
   !> Flexible Multibody Dynamics): what the change of the accelerations' change moves.
-  logical function foreseen(self, norm, whole, exact, pivot, reach) result(yes)
+  logical function foreseen(self, norm, whole, exact, system) result(yes)
     type(alpha_solver), intent(inout) :: self
     real(wp), intent(in) :: norm              !! first correction, of the groups' sizes [-]
     real(wp), intent(in) :: whole             !! the same, of the scene's size [-]
     logical, intent(in) :: exact
-    real(wp), intent(in) :: pivot             !! the weakest row's [-]
-    real(wp), intent(in) :: reach             !! what rounding grows with, of the scene's size [-]
+    class(second_order_ode), intent(in) :: system
     real(wp) :: rate, d, ratio, change, change_whole
     integer :: i
     yes = .false.
     associate (n => self%newton, s => self%measure)
       n%steps = n%steps + 1
       if (n%steps > trust .or. n%exact .neqv. exact) return
-      if (pivot < weak .or. .not. (n%h > 0.0_wp .and. n%first > 0.0_wp)) return
+      if (system%weakest < weak .or. .not. (n%h > 0.0_wp .and. n%first > 0.0_wp)) return
       rate = n%contraction*max(1.0_wp, norm/n%first)
-      yes = rate*whole <= unseen*reach
-      if (yes .or. rate > 0.1_wp*small) return
+      yes = rate*whole <= unseen*system%reach
+      if (yes .or. system%fine .or. rate > 0.1_wp*small) return
       ratio = self%now%h/n%h
       change = 0.0_wp
       change_whole = 0.0_wp

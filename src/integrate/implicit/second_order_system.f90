@@ -22,6 +22,7 @@ module second_order_system
     integer :: linear = 0                     !! linear states, the last of the internal variables
     integer :: rows = 0                       !! constraint rows
     integer :: quadratures = 2                !! integrals of powers at the end of the state: dissipated, put in, and others
+    logical :: fine = .false.                 !! small errors of positions are large in the forces: no Newton error is too small
     integer :: blocks = 0                     !! blocks that `prepare` factors, and `renew` where it is exact
     real(wp), allocatable :: viscosity(:)     !! (nz) of the internal variables' equations [s]
     real(wp), allocatable :: inertia(:)       !! (nz) 0: of first order [s2]

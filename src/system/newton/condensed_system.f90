@@ -7,7 +7,6 @@
 !> act (theory.md, section 7). What it is made of, set up once.
 module condensed_system
   use kinds, only: wp, number
-  use body, only: shape_integrals
   use border_row_lists, only: row_lists
   use border_rows, only: row_system, set_up_rows
   use elastic_block, only: block_factor
@@ -46,8 +45,6 @@ module condensed_system
     type(marker_columns) :: at
     real(number) :: inverse(3, 3) = 0.0_wp   !! of the condensed frame [m/N, rad/N]
     real(number) :: free(3) = 0.0_wp         !! frame's correction without rows [m, m, rad]
-  contains
-    procedure :: take_turn
   end type condensed_body
 
   !> The condensed dynamic stiffness of a mechanism.
@@ -63,13 +60,6 @@ module condensed_system
   end type condensed_matrix
 
 contains
-
-  !> Residuals come without what the turn of the undeformed body carries (`body_terms`): added again where it is not kept apart.
-  subroutine take_turn(self, shape)
-    class(condensed_body), intent(inout) :: self
-    type(shape_integrals), intent(in) :: shape
-    if (shape%split .and. .not. self%block%turn_apart) self%force(3) = self%force(3) + sum(shape%turned*self%elastic)
-  end subroutine take_turn
 
   !> Work space of a mechanism.
   subroutine set_up_condensed(self, m, lists)

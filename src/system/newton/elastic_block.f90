@@ -4,7 +4,7 @@
 !> factoring allocate nothing.
 module elastic_block
   use band_lu, only: factor_lu, solve_lu
-  use kinds, only: wp, number, pi
+  use kinds, only: wp, number
   use banded, only: band_factor, band_solve, band_solve_two, factor_again, order_band
   use beam_element, only: element_stiffness, stiffening_tangent
   use body, only: body_model
@@ -23,7 +23,7 @@ module elastic_block
     integer, allocatable :: entry(:)         !! where these entries stand on the symmetric pattern of the operators
     real(number), allocatable :: value(:)    !! (symmetric pattern) T0 [kg/s2, ...]
     real(number), allocatable :: lower(:)    !! its lower triangle [N/m, N, N m]
-    logical :: turn_apart = .false.          !! waves of the step are short: the angle's row and residual leave that turn away
+    logical :: turn_apart = .false.          !! the angle's row and residual leave out a turn of the undeformed body
     real(number), allocatable :: base_turned(:)      !! (n) T0 times a turn of the undeformed body (`shape_integrals`) [N, N m]
     real(number), allocatable :: full_turned(:)      !! (n) the full block transposed times it [N, N m]
     real(number) :: base_stiffness = 0.0_wp  !! of that turn by T0 without c1 m_ff [N m]
@@ -89,9 +89,7 @@ contains
       self%lower(i) = self%value(self%entry(i))
     end do
     call factor_again(self%base, self%row, self%col, self%lower, bad)
-    ! inertia c1 bends a beam within (EI/(rho A c1))^1/4: where that is longer than the geometric mean of element and body, elements
-    ! hardly deform, and their large stiffness loses more digits in products with a turn than the body's inertia does
-    self%turn_apart = body%shape%split .and. abs(c1) > (body%basis%carried/(pi**2*body%ne))**2
+    self%turn_apart = body%shape%split
     if (self%turn_apart) call turn_base(self, body, c1, c2)
   end subroutine factor_base
 

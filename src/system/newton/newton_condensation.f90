@@ -83,8 +83,8 @@ contains
     bad = self%rows%bad
   end subroutine condense
 
-  !> Solves the elastic residual and the column of the angle. What nodes do in a turn of the undeformed body is known: where waves
-  !> are short, the row of the angle and its diagonal entry are left what they have of the rest of a turn.
+  !> Solves the elastic residual and the column of the angle. What nodes do in a turn of the undeformed body is known: where it is
+  !> split off, the row of the angle and its diagonal entry are left what they have of the rest of a turn.
   subroutine solve_column(x, turned, full_block)
     type(condensed_body), intent(inout) :: x
     real(wp), intent(in) :: turned(:)        !! (n) coordinates of that turn [m, -]

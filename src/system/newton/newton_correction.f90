@@ -29,7 +29,6 @@ contains
         x%force(3) = r(i + 3)
         if (x%n == 0) cycle
         x%elastic = r(i + 4:i + 3 + x%n)
-        call x%take_turn(m%s%bodies(b)%shape)
       end associate
     end do
   end subroutine take_residual

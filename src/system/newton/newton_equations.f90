@@ -165,7 +165,6 @@ contains
         x%force = eq%frame
         if (x%n == 0) cycle
         x%elastic = eq%elastic(1:x%n)
-        call x%take_turn(m%s%bodies(b)%shape)
       end associate
     end do
   end subroutine take_residual
