@@ -40,7 +40,8 @@ class Picture:
         self.rails = [axis.plot([], [], "-", color="#aaaaaa", lw=1.0, zorder=1)[0] for _ in scene.sliders]
         self.links = [axis.plot([], [], "-", color=DARK, lw=2.5, zorder=2)[0] for _ in scene.links]
         self.springs = [axis.plot([], [], ":", color=DARK, lw=1.5, zorder=2)[0] for _ in scene.springs]
-        self.stops = [axis.plot([], [], "-", zorder=4.5)[0] for _ in scene.stops]  # seen beside what touches them
+        self.stops = [axis.plot([], [], "-", color=DARK, lw=2.0, zorder=2)[0] for _ in scene.stops]
+        self.touched = [axis.plot([], [], "-", color=TOUCHED, lw=3.5, zorder=4.5)[0] for _ in scene.stops]  # over what touches them
         self.wall = 0.03 * max(high - low)
         self.bodies = [
             axis.plot([], [], color=colour, ls=style, lw=2.2, zorder=3)[0]
@@ -59,7 +60,7 @@ class Picture:
         if fixed:
             axis.plot(*np.transpose(fixed), "^", color=DARK, ms=10, zorder=2)
         self.stamp = axis.text(0.02, 0.98, "", transform=axis.transAxes, ha="left", va="top")
-        lines = [*self.rails, *self.links, *self.springs, *self.stops]
+        lines = [*self.rails, *self.links, *self.springs, *self.stops, *self.touched]
         lines += [*self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
         self.moving = [*sorted(lines, key=lambda line: line.zorder), *self.names, self.stamp]
 
@@ -83,11 +84,11 @@ class Picture:
             angle = direction + (base.body.frame[row, 2] if base.body else 0.0)
             along = self.reach * np.array([np.cos(angle), np.sin(angle)])
             line.set_data(*np.transpose([scene.at(base, row) - along, scene.at(base, row) + along]))
-        for line, stop in zip(self.stops, scene.stops):
-            wall, touches = stop.walls(scene, row, self.wall)
-            line.set_data(*wall.T)
+        for line, hit, stop in zip(self.stops, self.touched, scene.stops):
+            walls, touches = stop.walls(scene, row, self.wall)
             touches |= since is not None and stop.struck_within(scene.time[since], scene.time[row])
-            line.set(color=TOUCHED if touches else DARK, linewidth=3.5 if touches else 2.0)
+            line.set_data(*np.concatenate([[*wall, [np.nan] * 2] for wall in walls]).T)
+            hit.set_data(*(walls[0].T if touches else ([], [])))
         _dots(self.lumps, [scene.at(place, row) for place in scene.lumps])
         _dots(self.blocks, [scene.at(place, row) for place, _, _ in scene.sliders])
         _dots(self.pins, [scene.at(place, row) for place in scene.pins])

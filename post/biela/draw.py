@@ -16,7 +16,7 @@ from matplotlib.patches import Arc, Circle, Polygon
 
 from . import labels
 from .histories import read_summary
-from .mechanism import hull
+from .mechanism import direction_of, hinge, hull
 from .picture_files import save
 from .plot import COLOURS, LOOK, body_look, plain_numbers
 from .result_files import HistoryError
@@ -64,7 +64,7 @@ class ScenePicture:
         points = np.array([point for body in scene["bodies"] for point in [*body["nodes"], body["frame"][:2], body["centre"]]])
         items = [item for kind in ("joints", "springs", "stops") for item in scene.get(kind, [])]
         ends = [np.array(item[side]["at"]) for item in items for side in "ab"]
-        points = np.array([*points, *ends])
+        points = np.array([*points, *ends, *(sensor["at"]["at"] for sensor in scene["sensors"])])
         low, high = points.min(axis=0), points.max(axis=0)
         reach = max(high - low)  # a wall farther away than the mechanism is long would make it small
         found = [wall for stop in scene.get("stops", []) for wall in walls(stop)]
@@ -180,7 +180,7 @@ class ScenePicture:
         self._label((a + b) / 2.0, spring["name"], SPRING)
 
     def _stop(self, stop: dict) -> None:
-        """Draw a stop: a wall at each limit of a position, the hole of a clearance, the ends of the arc of an angle."""
+        """Draw a stop: a wall at each limit of a position, the hole of a clearance, the arc between the limits of an angle."""
         a, b = (np.array(stop[side]["at"]) for side in "ab")
         size = 1.2 * SYMBOL * self.span
         limits = [x for x in (stop["lower"], stop["upper"]) if x is not None]
@@ -195,10 +195,17 @@ class ScenePicture:
             ends = walls(stop) + ([a] if len(limits) == 1 else [])
             self.axis.plot(*np.transpose(ends), ":", color=STOP, lw=1.0, zorder=2)
         else:
-            self.axis.add_patch(Arc(a, 3 * size, 3 * size, theta1=-60.0, theta2=60.0, color=STOP, lw=1.4, zorder=7))
-            for angle in (np.radians([-60.0, 60.0]))[2 - len(limits) :]:
+            at = a = np.array(hinge(self.scene, stop)["at"])
+            bodies = {body["name"]: body for body in self.scene["bodies"]}
+            turned = [bodies[stop[side]["body"]]["frame"][2] if stop[side]["body"] else 0.0 for side in "ab"]
+            arm = direction_of(np.array(bodies[stop["a"]["body"]]["centre"]) - a, turned[0], 0.1 * size)
+            angles = [arm + limit - (turned[0] - turned[1]) for limit in limits]
+            for angle in angles:
                 ray = np.array([np.cos(angle), np.sin(angle)])
                 self.axis.plot(*np.transpose([a + 1.2 * size * ray, a + 1.8 * size * ray]), "-", color=STOP, lw=2.2, zorder=7)
+            first, last = np.degrees([min(arm, *angles), max(arm, *angles)])
+            last = min(last, first + 359.0)
+            self.axis.add_patch(Arc(a, 3 * size, 3 * size, theta1=first, theta2=last, color=STOP, lw=1.4, zorder=7))
         shown = {"clearance": "gap {1:.3g} m"}.get(stop["kind"], " to ".join(f"{x:.3g}" for x in limits))
         self._label(at, f"{stop['name']} (stop, {shown.format(stop['lower'], stop['upper'])})", STOP)
 

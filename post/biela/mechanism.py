@@ -81,30 +81,35 @@ class Stop:
     upper: float | None
     angular: bool = False
     name: str = ""
+    pivot: Place | None = None  # where an angle turns, on the body of a; None: a
     struck: np.ndarray = field(default_factory=lambda: np.zeros(0))  # times of its events, at which it touches or lets go [s]
 
-    def walls(self, scene: Mechanism, row: int, half: float) -> tuple[np.ndarray, bool]:
-        """Return the line to draw, shape (n, 2) [m], NaN rows between walls of half that length, and whether a touches one."""
+    def walls(self, scene: Mechanism, row: int, half: float) -> tuple[list[np.ndarray], bool]:
+        """Return walls of half that length, each of shape (n, 2) [m], the nearest first, and whether a touches it."""
         a, b = scene.at(self.a, row), scene.at(self.b, row)
         limits = [limit for limit in (self.lower, self.upper) if limit is not None]
         if self.angular:
             x = self.a.angle(row) - self.b.angle(row)
-            arm = np.nanmean(scene.outline(self.a.body, row), axis=0) - a
-            angles = [np.arctan2(arm[1], arm[0]) + limit - x for limit in limits]
+            a = scene.at(self.pivot or self.a, row)
+            arm = direction_of(np.nanmean(scene.outline(self.a.body, row), axis=0) - a, self.a.body.frame[row, 2], half)
+            angles = [arm + limit - x for limit in limits]
             rays = [np.array([np.cos(angle), np.sin(angle)]) for angle in angles]
-            walls = [point for ray in rays for point in (a + half * ray, a + 4.0 * half * ray, [np.nan] * 2)]
-            return np.array(walls), self.beyond(x)
+            walls = [np.array([a + half * ray, a + 4.0 * half * ray]) for ray in rays]
+            return self.nearest_first(walls, x), self.beyond(x)
         if self.direction is None:
             turn = np.linspace(0.0, 2.0 * np.pi, 61)
             r = max(self.upper, 0.5 * half)
-            return b + r * np.transpose([np.cos(turn), np.sin(turn)]), self.beyond(np.hypot(*(a - b)))
+            return [b + r * np.transpose([np.cos(turn), np.sin(turn)])], self.beyond(np.hypot(*(a - b)))
         angle = self.direction + (self.b.body.frame[row, 2] if self.b.body else 0.0)
-        along, x = np.array([np.cos(angle), np.sin(angle)]), 0.0
+        along = np.array([np.cos(angle), np.sin(angle)])
         x = (a - b) @ along
         across = half * np.array([-along[1], along[0]])
         feet = [a + (limit - x) * along for limit in limits]
-        walls = [point for foot in feet for point in (foot - across, foot + across, [np.nan] * 2)]
-        return np.array(walls), self.beyond(x)
+        return self.nearest_first([np.array([foot - across, foot + across]) for foot in feet], x), self.beyond(x)
+
+    def nearest_first(self, walls: list[np.ndarray], x: float) -> list[np.ndarray]:
+        """Return walls at the lower and upper limit in the order of their distances from the quantity."""
+        return walls[::-1] if len(walls) == 2 and self.upper - x < x - self.lower else walls
 
     def struck_within(self, start: float, end: float) -> bool:
         """Return whether it has touched or let go after a time and until another [s]."""
@@ -312,11 +317,27 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
         a, b = place(stop["a"]), place(stop["b"])
         turned = frames[stop["b"]["body"].lower()][2] if b.body else 0.0
         direction = stop["direction"] - turned if stop["kind"] == "position" else None
-        mechanism.stops.append(Stop(a, b, direction, stop["lower"], stop["upper"], stop["kind"] == "rotation", stop["name"]))
+        angular = stop["kind"] == "rotation"
+        pivot = place(hinge(scene, stop)) if angular else None
+        mechanism.stops.append(Stop(a, b, direction, stop["lower"], stop["upper"], angular, stop["name"], pivot))
     for item in [*(drive["a"] for drive in scene["drives"]), *(force["at"] for force in scene["forces"])]:
         place(item)
     mechanism.lumps += [place(lump["at"]) for lump in scene.get("lumps", [])]  # older runs do not tell them
     mechanism.sensors |= {sensor["name"].lower(): place(sensor["at"]) for sensor in scene["sensors"]}
+
+
+def hinge(scene: dict, stop: dict) -> dict:
+    """Return where the angle of a stop turns: the revolute joint of its two bodies, on the body of a; else its marker a."""
+    a, b = stop["a"]["body"], stop["b"]["body"]
+    for joint in scene["joints"]:
+        if joint["kind"] == "revolute" and {joint["a"]["body"], joint["b"]["body"]} == {a, b}:
+            return joint["a" if joint["a"]["body"] == a else "b"]
+    return stop["a"]
+
+
+def direction_of(arm: np.ndarray, turn: float, least: float) -> float:
+    """Return the angle of an arm [rad]; that by which its body has turned where the arm is shorter than the least [m]."""
+    return float(np.arctan2(arm[1], arm[0])) if np.hypot(*arm) > least else float(turn)
 
 
 def to_local(frame: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -158,10 +158,20 @@ def test_a_contact_between_two_pictures_is_seen():
     scene = Mechanism(time, {"ball": ball}, stops=[stop])
     assert animate.snapshot_rows(scene, 4).tolist() == [0, 5, 8, 12]
     picture = animate.Picture(animate.plt.figure().gca(), scene)
-    for since, row, colour in ((0, 4, animate.DARK), (4, 8, animate.TOUCHED), (8, 12, animate.DARK)):
+    for since, row, touched in ((0, 4, False), (4, 8, True), (8, 12, False)):
         picture.show(row, since)
-        assert picture.stops[0].get_color() == colour
+        assert (len(picture.touched[0].get_xdata()) > 0) is touched
     animate.plt.close("all")
+
+
+def test_limits_of_an_angle_stand_about_the_joint_of_both_bodies():
+    """Not about marker a, which may be anywhere on its body: the hinge is on the first joint of these two, on the body of a."""
+    sides = [{"body": name, "at": k} for k, name in enumerate(("rod", None, "arm", "rod"))]
+    joints = [{"kind": "revolute", "a": sides[0], "b": sides[1]}, {"kind": "revolute", "a": sides[2], "b": sides[3]}]
+    at = [mechanism.hinge({"joints": joints}, {"a": a, "b": b})["at"] for a, b in ((sides[3], sides[2]), (sides[2], sides[1]))]
+    assert at == [3, 2]
+    assert mechanism.direction_of(np.array([0.0, 2.0]), 0.3, 0.1) == pytest.approx(QUARTER)
+    assert mechanism.direction_of(np.array([0.0, 0.05]), 0.3, 0.1) == 0.3
 
 
 def test_walls_of_stops_stand_where_they_limit_and_tell_what_touches():
@@ -171,16 +181,16 @@ def test_walls_of_stops_stand_where_they_limit_and_tell_what_touches():
     base = Place(plate, None, np.zeros(2))
     for y, touches in ((2.4, False), (2.5, True)):
         walls, found = Stop(Place(None, None, np.array([1.3, y])), base, 0.0, None, 0.5).walls(scene, 0, 0.1)
-        np.testing.assert_allclose(walls[:2], [[1.4, 2.5], [1.2, 2.5]], atol=1e-15)
+        np.testing.assert_allclose(walls[0], [[1.4, 2.5], [1.2, 2.5]], atol=1e-15)
         assert found is touches
     circle, found = Stop(Place(None, None, np.array([1.05, 2.0])), base, None, None, 0.1).walls(scene, 0, 0.1)
-    np.testing.assert_allclose(np.hypot(*(circle - [1.0, 2.0]).T), 0.1, rtol=1e-12)
+    np.testing.assert_allclose(np.hypot(*(circle[0] - [1.0, 2.0]).T), 0.1, rtol=1e-12)
     assert not found
     plate.places = [np.array([0.3, 0.0])]
     for upper, touches in ((1.0, True), (QUARTER, True), (QUARTER + 0.1, False)):
         stop = Stop(base, Place(None, None, np.zeros(2)), None, None, upper, angular=True)
         walls, found = stop.walls(scene, 0, 0.1)
-        np.testing.assert_allclose(walls[1] - [1.0, 2.0], [0.4 * np.cos(upper), 0.4 * np.sin(upper)], atol=1e-15)
+        np.testing.assert_allclose(walls[0][1] - [1.0, 2.0], [0.4 * np.cos(upper), 0.4 * np.sin(upper)], atol=1e-15)
         assert found is touches
     bent = Body(np.zeros((1, 3)), np.array([[[0.0, 0.0], [1.0, 0.0], [2.0, 0.1]]]), np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
     assert [Place(bent, node, np.zeros(2)).angle(0) for node in (0, 2)] == pytest.approx([0.0, np.arctan(0.1)], abs=1e-15)
