@@ -29,7 +29,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from .histories import read, read_summary, still_columns
+from .histories import Event, read, read_events, read_summary, still_columns
 from .result_files import HistoryError
 
 COUNTS = {
@@ -93,6 +93,7 @@ class Outcome:
             first_order, multipliers
         warnings: of the solver, a sentence each
         still: columns that only rounding moves, as the solver has found; none: it has said nothing
+        events: at which stops and joints change their states
         model_errors: estimated errors of each column, `errors` of left-out modes and `mesh_errors`, where the deck asks for them
     """
 
@@ -105,6 +106,7 @@ class Outcome:
     counts: dict[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     still: tuple[str, ...] | None = None
+    events: tuple[Event, ...] = ()
     model_errors: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
@@ -335,6 +337,7 @@ class Runner:
         try:
             history = read(place / "out")
             summary = read_summary(place / "out")
+            events = tuple(read_events(place / "out"))
         except HistoryError as fault:
             return Outcome(-2, str(fault))
         counts = {name: summary[part][key] for name, (part, key) in COUNTS.items() if key in summary.get(part, {})}
@@ -345,7 +348,7 @@ class Runner:
         still = None if still is None else tuple(still)
         found = summary.get("reduction", {})
         model = {kind: found[kind] for kind in ("errors", "mesh_errors") if kind in found}
-        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts, warnings, still, model)
+        return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts, warnings, still, events, model)
 
     def _show(self, stage: str, done: int, count: int) -> None:
         """Draw the progress bar on a terminal."""
@@ -405,5 +408,6 @@ def _load(path: Path) -> Outcome:
     with np.load(path) as kept:
         rest = json.loads(str(kept["rest"]))
         rest |= {name: tuple(rest.get(name, ())) for name in ("names", "units", "warnings")}
+        rest["events"] = tuple(Event(*event) for event in rest["events"])
         rest["still"] = None if rest.get("still") is None else tuple(rest["still"])
         return Outcome(data=kept["data"], **rest)

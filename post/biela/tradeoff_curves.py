@@ -81,7 +81,7 @@ def curves(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, 
     first = [lone.settings[-3:][0]] if lone else [Setting(family, 0) for family in families]
     found = [Curve(setting.family, following=setting) for setting in first]
     while climbing := [made for made in found if not made.ended]:
-        best = min((c.cost for c in found if c.left <= target), default=float("inf"))
+        best = min((c.cost for c in found if doubt(study, c, found) <= target), default=float("inf"))
         if spare and best < float("inf"):
             break
         made = min(climbing, key=lambda c: _promise(c, target))
@@ -98,7 +98,7 @@ def curves(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, 
     for made in found:
         if made.left == float("inf") and len(made.outcomes) == FEW:
             made.left = between(made.outcomes[0], made.outcomes[1], study.compared)
-    return sorted((c for c in found if c.outcomes), key=lambda c: c.left)
+    return sorted((c for c in found if c.outcomes), key=lambda c: doubt(study, c, found))
 
 
 def _promise(made: Curve, target: float) -> float:
@@ -116,17 +116,17 @@ def _promise(made: Curve, target: float) -> float:
     return max(made.coming, made.cost * (made.left / target) ** (1.0 / rate))
 
 
-def doubt(study: Study, found: list[Curve]) -> float:
-    """Return the error that the finest run of the first curve may have.
+def doubt(study: Study, made: Curve, found: list[Curve]) -> float:
+    """Return the error that the finest run of a curve may have.
 
-    Its own differences say it, and so does the other explicit method: fast vibrations that a fixed step damps are missing in
-    all runs of that method alike. What the other's run is away, less the error that it claims itself, counts where it is more.
-    Implicit runs may damp the same vibrations and are no witnesses. Nothing is known better than to the rounding of a run.
+    Its own differences say it, and so do explicit methods: fast vibrations that a fixed step damps are missing in all runs of that
+    method alike, and its differences tell nothing of them. What the run of an explicit method is away, less the error that it
+    claims itself, counts where it is more. Implicit runs may damp the same vibrations and are no witnesses. Nothing is known
+    better than to the rounding of a run.
     """
-    first = found[0]
-    others = [c for c in found[1:] if c.family in EXPLICIT and c.left <= ENOUGH * study.tolerance]
-    apart = [between(c.outcomes[-1], first.outcomes[-1], study.compared) - c.left for c in others]
-    return max([first.left, NOISE, *apart])
+    others = [c for c in found if c is not made and c.family in EXPLICIT and c.left < float("inf")]
+    apart = [between(c.outcomes[-1], made.outcomes[-1], study.compared) - c.left for c in others] if made.outcomes else []
+    return max([made.left, NOISE, *apart])
 
 
 def _climb(study: Study, deck: DeckText, made: Curve, stage: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from .compare import scales
 from .deck_runs import Outcome, RunsError
-from .histories import History
+from .histories import Event, History
 
 NOISE = 1.0e-11  # a column that varies less than this share of the others of its unit, or of the scene's size, is rounding
 
@@ -25,6 +26,7 @@ class Truth:
         scale: what each column's error is divided by: its range, shape (columns,)
         uncertainty: largest error that the truth itself may have over columns and times, relative to the ranges
         words: how it was made
+        events: at which stops and joints change their states
     """
 
     names: tuple[str, ...]
@@ -33,14 +35,19 @@ class Truth:
     scale: np.ndarray
     uncertainty: float
     words: str
+    events: tuple[Event, ...] = ()
 
 
 @dataclass(frozen=True)
 class Gap:
     """Difference of a run from a truth, relative to the ranges: the worst column's largest and root mean square.
 
+    At an event accelerations, friction and reactions jump. At rows where a stop or joint has another state in the run than in the
+    truth, between the times that both have for one event, they differ by the jump, however small the error of the time is: these
+    rows are left out. The part of the time during which states differ is an error of its own, that of the events.
+
     Attributes:
-        each: the largest difference of each column
+        each: the largest difference of each column, and of the events where there are any
     """
 
     largest: float
@@ -64,6 +71,44 @@ class Compared:
 
     sizes: dict[str, float]
     columns: frozenset[str] = frozenset()
+
+
+EVENTS = "events"  # the error of their times stands under this name beside those of the columns
+
+
+def _states(events: Sequence[Event], element: str, start: str, times: np.ndarray) -> np.ndarray:
+    """Return the state of a stop or joint at each time, in words; rebounds from a rigid stop that follow each other are counted.
+
+    Args:
+        events: of a run
+        element: name of the stop or joint
+        start: its state before its first event
+        times: just before which the state is meant, shape (rows,) [s]
+    """
+    own = [event for event in events if event.element == element]
+    words, rebounds = [start], 0
+    for event in own:
+        rebounds = rebounds + 1 if event.after.endswith("rebound") else 0
+        words.append(f"{event.after} {rebounds}")
+    return np.array(words)[np.searchsorted([event.time for event in own], times)]
+
+
+def elsewhere(run: Sequence[Event], truth: Sequence[Event], times: np.ndarray) -> tuple[np.ndarray, float]:
+    """Compare the states of all stops and joints of two runs.
+
+    Returns:
+        whether any state differs, at each of the times
+        the largest part of the time during which the states of one differ
+    """
+    differs, longest = np.zeros(len(times), dtype=bool), 0.0
+    starts = {event.element: event.before for event in reversed([*run, *truth])}
+    ends = np.unique(np.clip([times[0], times[-1], *(event.time for event in (*run, *truth))], times[0], times[-1]))
+    for element, start in starts.items():
+        before, after = (_states(events, element, start, times) for events in (run, truth))
+        differs |= before != after
+        before, after = (_states(events, element, start, ends[1:]) for events in (run, truth))
+        longest = max(longest, float(np.diff(ends)[before != after].sum() / (times[-1] - times[0])))
+    return differs, longest
 
 
 def sizes_of(length: float, interval: float) -> dict[str, float]:
@@ -124,13 +169,13 @@ def truth_of(outcome: Outcome, compared: Compared, uncertainty: float = 0.0, wor
     keep = [k for k, name in enumerate(outcome.names) if name in wanted]
     scale = scale_of(outcome, compared.sizes)[keep]
     names = tuple(outcome.names[k] for k in keep)
-    return Truth(names, outcome.data[:, 0], outcome.data[:, 1:][:, keep], scale, uncertainty, words)
+    return Truth(names, outcome.data[:, 0], outcome.data[:, 1:][:, keep], scale, uncertainty, words, outcome.events)
 
 
 def plain_truth(outcome: Outcome, like: Truth) -> Truth:
     """Return a run as a truth, with the columns and scales of another one."""
     order = [outcome.names.index(name) for name in like.names]
-    return Truth(like.names, outcome.data[:, 0], outcome.data[:, 1:][:, order], like.scale, 0.0, "")
+    return Truth(like.names, outcome.data[:, 0], outcome.data[:, 1:][:, order], like.scale, 0.0, "", outcome.events)
 
 
 def gap(run: Outcome, truth: Truth) -> Gap:
@@ -149,10 +194,14 @@ def gap(run: Outcome, truth: Truth) -> Gap:
     if np.abs(run.data[rows, 0] - truth.times).max() > 1.0e-6 * (truth.times[1] - truth.times[0]):
         raise RunsError("a run lacks rows at the times of the reference")
     off = np.abs(run.data[rows, 1:][:, columns] - truth.values) / truth.scale
+    differs, late = elsewhere(run.events, truth.events, truth.times)
+    off[differs] = 0.0
     rms = np.sqrt(np.mean(off**2, axis=0))
-    largest = off.max(axis=0)
-    each = dict(zip(truth.names, largest.tolist()))
-    return Gap(float(largest.max()), float(rms.max()), truth.names[int(np.argmax(largest))], each)
+    each = dict(zip(truth.names, off.max(axis=0).tolist()))
+    if run.events or truth.events:
+        each[EVENTS] = late
+    worst = max(each, key=each.get)
+    return Gap(each[worst], float(rms.max()), worst, each)
 
 
 def between(a: Outcome, b: Outcome, compared: Compared) -> float:

@@ -68,7 +68,7 @@ def deck_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
         RunsError: every run failed.
     """
     found = curves(study, deck, "reference")
-    if not (found and doubt(study, found) < study.tolerance):
+    if not (found and doubt(study, found[0], found) < study.tolerance):
         study.runner.share = LATE
         found = curves(study, deck, "reference")
     if not found:
@@ -80,7 +80,7 @@ def deck_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
     words = f"the deck's model, {_words(study, found[0])}"
     if found[0].left == float("inf"):
         words += ", not known to have converged: the time ended"
-    study.truth = truth_of(finest, study.compared, doubt(study, found), words)
+    study.truth = truth_of(finest, study.compared, doubt(study, found[0], found), words)
     notes = [
         f"{c.family}: its finest run ({_words(study, c)}) is {between(c.outcomes[-1], finest, study.compared):.1e} away"
         for c in found[1:]
@@ -103,7 +103,7 @@ def refined_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
     finest = meshes[-1]
     words = f"mesh x {2 ** (len(meshes) - 1)}, all kinematics modelled, {_words(study, finest.curves[0])}"
     outcome = finest.curves[0].outcomes[-1]
-    study.truth = truth_of(outcome, study.compared, left + doubt(study, finest.curves), words)
+    study.truth = truth_of(outcome, study.compared, left + doubt(study, finest.curves[0], finest.curves), words)
     return _start(study, deck, meshes, notes)
 
 

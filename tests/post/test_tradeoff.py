@@ -17,9 +17,9 @@ from biela import deck_models, deck_runs, deck_text, tradeoff_work
 from biela.commands import tradeoff as tradeoff_command
 from biela.compare import differences
 from biela.deck_runs import Outcome
-from biela.histories import History, read
+from biela.histories import Event, History, read
 from biela.tradeoff_curves import Curve, doubt
-from biela.tradeoff_errors import Compared
+from biela.tradeoff_errors import Compared, gap, truth_of
 from conftest import REFERENCE, ROOT, TIMEOUT
 from oracle import Scene
 from scipy.integrate import solve_ivp
@@ -142,9 +142,33 @@ def test_vibrations_that_one_method_damps_alike_in_all_its_runs_are_doubted():
 
     damped = Curve("rk4", outcomes=[outcome(0.0)], left=1e-9)
     ringing = Curve("dopri5", outcomes=[outcome(2e-3)], left=1e-5)
-    assert doubt(Fixed, [damped, ringing]) == pytest.approx(2e-3 / np.sin(1.0), rel=0.1)
-    assert doubt(Fixed, [damped, Curve("dopri5", outcomes=[outcome(2e-3)], left=5e-3)]) == 1e-9, "no estimate, no witness"
-    assert doubt(Fixed, [ringing, Curve("generalized_alpha", outcomes=[outcome(0.0)], left=1e-9)]) == 1e-5
+    unsure = Curve("dopri5", outcomes=[outcome(2e-3)], left=5e-3)
+    assert doubt(Fixed, damped, [damped, ringing]) == pytest.approx(2e-3 / np.sin(1.0), rel=0.1)
+    assert doubt(Fixed, damped, [damped, unsure]) == 1e-9, "no estimate, no witness"
+    assert doubt(Fixed, ringing, [ringing, Curve("generalized_alpha", outcomes=[outcome(0.0)], left=1e-9)]) == 1e-5
+    alone = replace(damped, family="radau")
+    far = Curve("rk4", outcomes=[outcome(0.3)], left=0.02)
+    assert doubt(Fixed, alone, [alone, far]) > 0.2, (
+        "an unsettled explicit run is a witness where it is farther away than it is unsure"
+    )
+
+
+def test_at_an_event_the_error_of_its_time_counts_and_not_the_jump():
+    """A step from 0 to 1 and a rebound, both late by 0.1 of the time; a run in which the step never comes."""
+    t = np.linspace(0.0, 1.0, 101)
+
+    def run(step: float, rebound: float) -> Outcome:
+        events = (Event(0.2, "pin", "stuck", "forward", 0.0), Event(step, "pin", "forward", "stuck", 0.0))
+        events += (Event(rebound, "stop", "open", "lower_rebound", 1.0),)
+        data = np.column_stack([t, np.where(t > step, 1.0, 0.0), np.abs(t - rebound)])
+        return Outcome(0, "", ("f", "x"), ("N", "m"), data, events=events)
+
+    truth = truth_of(run(0.5, 0.655), Compared({}))
+    assert gap(run(0.5, 0.655), truth).largest == 0.0
+    late = gap(run(0.605, 0.655), truth)
+    assert (late.column, late.largest, late.each["f"]) == ("events", pytest.approx(0.105), 0.0)
+    assert gap(run(0.5, 0.675), truth).each["events"] == pytest.approx(0.02)
+    assert gap(run(2.0, 0.655), truth).each["events"] == pytest.approx(0.5)
 
 
 @pytest.mark.long
