@@ -51,11 +51,14 @@ def scene(more: str) -> str:
 &sensor name='tip_jerk' quantity='angular_acceleration' body='arm' node=3 /
 &sensor name='gap' quantity='distance' body='bead' body_b='arm' node_b=2 /
 &sensor name='seen' quantity='velocity' body='bead' body_b='arm' node_b=3 /
+&sensor name='gained' quantity='acceleration' body='bead' body_b='arm' node_b=3 /
 &sensor name='d2' quantity='deflection' body='arm' node=2 /
 &sensor name='d3' quantity='deflection' body='arm' node=3 /
 &sensor name='rod' quantity='reaction' joint='rod' /
 &sensor name='hold' quantity='spring' spring='hold' /
 &sensor name='turn' quantity='spring' spring='turn' /
+&controller name='law' argument='d3.v' history='w' kp=2.0 kd=0.1 /
+&sensor name='law' quantity='controller' controller='law' /
 &sensor name='in' quantity='internal' body='arm' element=2 /
 &frequency_response from=0.5 to=60.0 points=9 input='f' /
 &transient t_end=1e-6 method='rk4' step=1e-6 /
@@ -117,7 +120,9 @@ def test_the_beads_reaction_is_newtons(response):
     gap = response("bead_p.x", "bead_p.y") - response("mid_p.x", "mid_p.y")
     same(response("hold.d")[0], e @ gap)
     same(response("gap"), response("hold.d"))
-    same(response("seen.x", "seen.y"), response("bead_v.x", "bead_v.y") - response("tip_v.x", "tip_v.y"))
+    for seen, rate in (("seen", "v"), ("gained", "a")):
+        names = [f"{name}_{rate}.{axis}" for name in ("bead", "tip") for axis in "xy"]
+        same(response(f"{seen}.x", f"{seen}.y"), response(*names[:2]) - response(*names[2:]))
     across = (gap - np.outer(e, e @ gap)) / length
     pull = np.outer(e, spring) + response.now("hold.f") * across
     push = np.array([[0.8], [-0.6]])
@@ -126,11 +131,12 @@ def test_the_beads_reaction_is_newtons(response):
     same(response("rod.fx", "rod.fy"), balance, 1e-7)
 
 
-def test_springs_answer_with_stiffness_damping_and_ghm(response):
+def test_springs_and_controllers_answer_with_their_laws(response):
     s = response.s
     same(response("hold.f"), (STIFFNESS * ratio("hold", s) + s * DAMPING) * response("hold.d"))
     same(response("turn.f"), (TURN["stiffness"] + s * TURN["damping"]) * response("turn.d"))
     same(response("turn.d"), response("bead_turn") - response("tip_turn"))
+    same(response("law.out"), -(2.0 + 0.1 * s) * response("d3.v"))
 
 
 def test_sections_answer_with_the_complex_modulus(response):

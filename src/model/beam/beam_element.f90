@@ -6,7 +6,7 @@ module beam_element
   implicit none (type, external)
   private
   public :: beam_geometry, element_rotation, shape_integral, shape_moment, element_mass, element_gyroscopic
-  public :: element_stiffness, deformation_matrix, deformation_law, stiffening_tangent
+  public :: element_stiffness, deformation_matrix, present_deformation_matrix, deformation_law, stiffening_tangent
 
   !> A straight element between two nodes of a body, with what every formula about it needs.
   type :: beam_geometry
@@ -110,6 +110,24 @@ contains
     b = matmul(local, t)
   end function deformation_matrix
 
+  !> The chord's turn is psi x, x coordinates in body axes.
+  pure function chord_turn(g) result(psi)
+    type(beam_geometry), intent(in) :: g
+    real(wp) :: psi(6)   !! [1/m]
+    psi = [g%s, -g%c, 0.0_wp, -g%s, g%c, 0.0_wp]/g%length
+  end function chord_turn
+
+  !> B (3 x 6) of an element with geometric stiffening at its present coordinates (theory.md, section 4).
+  pure function present_deformation_matrix(g, x) result(b)
+    type(beam_geometry), intent(in) :: g
+    real(wp), intent(in) :: x(6)               !! body axes [m, rad]
+    real(wp) :: b(3, 6), psi(6), p(3)
+    b = deformation_matrix(g)
+    psi = chord_turn(g)
+    p = [dot_product(psi, x), matmul(b(2:3, :), x)]
+    b(1, :) = b(1, :) + g%length*(p(1)*psi + ((4*p(2) - p(3))*b(2, :) + (4*p(3) - p(2))*b(3, :))/30)
+  end function present_deformation_matrix
+
   !> Linear stiffness at E_R (6 x 6), body axes [N/m, N, N m] (VRL 20-22).
   pure function element_stiffness(g) result(k)
     type(beam_geometry), intent(in) :: g
@@ -144,14 +162,12 @@ contains
     real(wp), intent(in) :: n                  !! conjugate to the axial deformation [N]
     real(wp), intent(out) :: material(6, 6)    !! [N/m, N, N m]
     real(wp), intent(out) :: geometric(6, 6)   !! [N/m, N, N m]
-    real(wp) :: b(3, 6), psi(6), p(3)
+    real(wp) :: b(3, 6), psi(6)
     b = deformation_matrix(g)
-    psi = [g%s, -g%c, 0.0_wp, -g%s, g%c, 0.0_wp]/g%length     ! the chord's turn is psi x
-    p = [dot_product(psi, x), dot_product(b(2, :), x), dot_product(b(3, :), x)]
+    psi = chord_turn(g)
     geometric = n*g%length*(outer(psi, psi) + (4*outer(b(2, :), b(2, :)) + 4*outer(b(3, :), b(3, :)) &
                                                - outer(b(2, :), b(3, :)) - outer(b(3, :), b(2, :)))/30)
-    b(1, :) = b(1, :) + g%length*(p(1)*psi + ((4*p(2) - p(3))*b(2, :) + (4*p(3) - p(2))*b(3, :))/30)
-    material = deformation_stiffness(g, b)
+    material = deformation_stiffness(g, present_deformation_matrix(g, x))
   end subroutine stiffening_tangent
 
   !> T^T m T: a 6 x 6 matrix from element into body axes.

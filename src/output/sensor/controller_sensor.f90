@@ -1,8 +1,7 @@
 !> Output and error of a controller, and whether its output is at a limit.
 module controller_sensor
   use kinds, only: wp
-  use controller, only: free
-  use sensor, only: observation, sensor_model, harmonic_motion, scene_motion
+  use sensor, only: observation, sensor_model, harmonic_motion, pair_motion
   implicit none (type, external)
   private
 
@@ -32,13 +31,11 @@ contains
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [any], [m, rad, or per second], [-]
-    complex(wp) :: u(6), sensed               ! [m], [rad]
+    complex(wp) :: sensed                     ! [m, rad, or per second]
     real(wp) :: by_place(6), by_rate(6)       ! [-], [m], [1/s]
     associate (c => at%m%s%controllers(self%controller), q => at%m%s%controllers(self%controller)%quantity)
       call q%gradient(at%ev%p, by_place, by_rate)
-      u(1:3) = scene_motion(at%m, at%ev, q%ia, motion%x)
-      u(4:6) = scene_motion(at%m, at%ev, q%ib, motion%x)
-      sensed = sum((by_place + motion%s*by_rate)*u)
+      sensed = sum((by_place + motion%s*by_rate)*pair_motion(at, q%ia, q%ib, motion%x))
       x(1) = c%response(at%ev%control(self%controller)%limited, motion%s)*sensed
       x(2) = -c%delayed(motion%s)*sensed
       x(3) = 0.0_wp

@@ -7,7 +7,7 @@ module sensor
   use marker, only: marker_model, marker_states
   implicit none (type, external)
   private
-  public :: elastic_motion, marker_motion, scene_motion, vector_to_global
+  public :: elastic_motion, marker_motion, pair_motion, vector_to_global
 
   !> A harmonic motion x exp(s t), with multipliers lambda exp(s t), about the present state.
   type, public :: harmonic_motion
@@ -27,16 +27,14 @@ module sensor
 
   !> A sensor.
   type, abstract, public :: sensor_model
-    character(32) :: name = ''
-    integer :: number = 0                     !! of it among all sensors: its marker's in the list of their states
-    type(marker_model) :: marker              !! the marker where it measures; the ground's origin where it has none
+    type(marker_model) :: marker              !! where it measures; the ground's origin where it has none
+    integer :: number = 0                     !! of that marker among those of all sensors
   contains
     procedure(values_at), deferred :: read
     procedure(amplitudes_of), deferred :: respond
-    procedure :: elastic_part
   end type sensor_model
 
-  !> A sensor of what has no linear response, such as a product; the reader of decks refuses to ask for one.
+  !> A sensor of what has no linear response, such as a product. Decks with a frequency response may not have one.
   type, abstract, extends(sensor_model), public :: nonlinear_sensor
   contains
     procedure :: respond => no_amplitude
@@ -67,7 +65,7 @@ module sensor
 
 contains
 
-  !> Amplitudes that nobody asks for.
+  !> Never asked for.
   subroutine no_amplitude(self, at, motion, x)
     class(nonlinear_sensor), intent(in) :: self
     type(observation), intent(in) :: at
@@ -76,61 +74,49 @@ contains
     x = 0.0_wp
   end subroutine no_amplitude
 
-  !> Elastic part (u, v, rotation) of a vector of coordinates or accelerations at the sensor's marker, body axes.
-  pure function elastic_part(self, m, q) result(u)
-    class(sensor_model), intent(in) :: self
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: q(:)              !! (nq) [m, rad] or their derivatives
-    real(wp) :: u(3)                          !! the same
-    integer :: i
-    u = 0.0_wp
-    associate (b => self%marker%body)
-      if (b == 0 .or. self%marker%node == 0) return
-      i = m%s%qo(b) + 3
-      u = m%s%bodies(b)%displacement(self%marker%node, q(i + 1:i + m%s%bodies(b)%nf))
-    end associate
-  end function elastic_part
-
-  !> Elastic displacement (u, v, rotation) of a marker in body axes.
+  !> Elastic displacement (u, v, rotation) in body axes: of a node, or of a marker that coordinates move (`elastic_marker`).
   pure function elastic_motion(m, marker, x) result(u)
     type(mechanism_model), intent(in) :: m
     type(marker_model), intent(in) :: marker
-    complex(wp), intent(in) :: x(:)           !! (nq) coordinates or their derivatives [m, rad]
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
     complex(wp) :: u(3)                       !! [m, rad]
-    integer :: i, n
-    u = 0.0_wp
-    if (marker%body == 0 .or. marker%node == 0) return
-    i = m%s%qo(marker%body) + 3
-    n = m%s%bodies(marker%body)%nf
-    u = cmplx(m%s%bodies(marker%body)%displacement(marker%node, real(x(i + 1:i + n), wp)), &
-              m%s%bodies(marker%body)%displacement(marker%node, aimag(x(i + 1:i + n))), wp)
+    associate (b => m%s%bodies(marker%body), i => m%s%qo(marker%body) + 3, n => m%s%bodies(marker%body)%nf)
+      if (marker%node > 0) then
+        u = cmplx(b%displacement(marker%node, real(x(i + 1:i + n), wp)), b%displacement(marker%node, aimag(x(i + 1:i + n))), wp)
+      else
+        u = cmplx(marker%elastic(real(x(i + 1:i + n), wp)), marker%elastic(aimag(x(i + 1:i + n))), wp)
+      end if
+    end associate
   end function elastic_motion
 
-  !> Displacement of a marker in body axes, and of its section's angle.
+  !> Displacement of a marker in body axes, and of its section's angle; the ground has none.
   pure function marker_motion(m, marker, rho, x) result(w)
     type(mechanism_model), intent(in) :: m
     type(marker_model), intent(in) :: marker
     real(wp), intent(in) :: rho(2)            !! its present position in body axes [m]
     complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
     complex(wp) :: w(3)                       !! [m, rad]
-    integer :: i
     w = 0.0_wp
     if (marker%body == 0) return
-    i = m%s%qo(marker%body)
-    w = x(i + 1:i + 3) + elastic_motion(m, marker, x)
-    w(1:2) = w(1:2) + x(i + 3)*[-rho(2), rho(1)]
+    associate (frame => x(m%s%qo(marker%body) + 1:m%s%qo(marker%body) + 3))
+      w = frame + elastic_motion(m, marker, x)
+      w(1:2) = w(1:2) + frame(3)*[-rho(2), rho(1)]
+    end associate
   end function marker_motion
 
-  !> Displacement of a marker of the scene in global axes, and of its section's angle.
-  pure function scene_motion(m, ev, k, x) result(y)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: k                  !! marker
+  !> Displacements of two markers of the scene in global axes, each with that of its section's angle.
+  pure function pair_motion(at, a, b, x) result(y)
+    type(observation), intent(in) :: at
+    integer, intent(in) :: a, b               !! the markers
     complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
-    complex(wp) :: y(3)                       !! [m, rad]
-    y = marker_motion(m, m%s%markers(k), ev%p%rho(:, k), x)
-    y(1:2) = vector_to_global(ev, m%s%markers(k)%body, y(1:2))
-  end function scene_motion
+    complex(wp) :: y(6)                       !! [m, rad]
+    integer :: k
+    y(1:3) = marker_motion(at%m, at%m%s%markers(a), at%ev%p%rho(:, a), x)
+    y(4:6) = marker_motion(at%m, at%m%s%markers(b), at%ev%p%rho(:, b), x)
+    do k = 1, 4, 3
+      y(k:k + 1) = vector_to_global(at%ev, at%m%s%markers(merge(a, b, k == 1))%body, y(k:k + 1))
+    end do
+  end function pair_motion
 
   !> A vector of a body's axes in global ones.
   pure function vector_to_global(ev, b, w) result(y)

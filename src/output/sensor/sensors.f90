@@ -2,31 +2,23 @@
 !> (input/README.md, &sensor).
 module sensors
   use kinds, only: wp
-  use angle_sensor, only: angle_sensor_model
+  use acceleration_sensor, only: acceleration_sensor_model
   use build_markers, only: begin_markers, find_marker, marker_table
   use build_power_sources, only: friction_of, source_of
   use build_quantities, only: make_quantity
   use controller_sensor, only: controller_sensor_model
-  use coordinate_sensor, only: coordinate_sensor_model
   use deck_records, only: deck, sensor_record
-  use deflection_sensor, only: deflection_sensor_model
   use dynamics, only: one_marker
-  use energy_sensor, only: energy_sensor_model
-  use friction_sensor, only: friction_sensor_model
+  use elastic_sensors, only: coordinate_sensor_model, deflection_sensor_model
+  use energy_sensors, only: energy_sensor_model, power_sensor_model, work_sensor_model
   use evaluation_results, only: evaluation
+  use force_sensors, only: spring_sensor_model, stop_sensor_model
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
-  use point_sensor, only: point_sensor_model
-  use power_sensor, only: power_sensor_model
   use quantity_sensor, only: quantity_sensor_model
-  use reaction_sensor, only: reaction_sensor_model
-  use relative_sensor, only: relative_sensor_model
-  use section_sensor, only: section_sensor_model
+  use row_sensors, only: friction_sensor_model, reaction_sensor_model
+  use section_sensors, only: section_sensor_model, stress_sensor_model
   use sensor, only: observation, sensor_box, sensor_model, harmonic_motion
-  use spring_sensor, only: spring_sensor_model
-  use stop_sensor, only: stop_sensor_model
-  use stress_sensor, only: stress_sensor_model
-  use work_sensor, only: work_sensor_model
   implicit none (type, external)
   private
   public :: sensor_list, set_up_sensors, read_sensors, read_linear_sensors
@@ -52,20 +44,15 @@ contains
     type(sensor_list), intent(out) :: list
     character(suffix_length), allocatable :: suffix(:)
     type(marker_table) :: markers
-    integer :: k, j, n, other
+    integer :: k, j, n
     n = size(d%sensors)
     allocate (list%sensors(n), list%first(n), list%names(5*n + 1))
     markers = begin_markers(size(m%s%bodies))
     do k = 1, n
       call make_sensor(d, k, m, markers, list%sensors(k)%item, suffix)
-      associate (s => list%sensors(k)%item, r => d%sensors(k))
-        s%name = r%name
-        s%number = find_marker(m%s, markers, r%marker)
+      associate (s => list%sensors(k)%item)
+        s%number = find_marker(m%s, markers, d%sensors(k)%marker)
         s%marker = markers%items(s%number)
-        if (r%relative .and. index(r%quantity, 'acceleration') > 0) then
-          other = find_marker(m%s, markers, r%other)
-          call make_relative(list%sensors(k)%item, markers%items(other), other, size(suffix))
-        end if
       end associate
       list%first(k) = list%columns + 1
       do j = 1, size(suffix)
@@ -77,24 +64,6 @@ contains
     call list%p%allocate(size(list%markers))
   end subroutine set_up_sensors
 
-  !> Makes a sensor one that measures against another marker.
-  subroutine make_relative(item, marker, number, columns)
-    class(sensor_model), allocatable, intent(inout) :: item
-    type(marker_model), intent(in) :: marker       !! the other one
-    integer, intent(in) :: number                  !! of it among all markers of sensors
-    integer, intent(in) :: columns                 !! of the sensor
-    type(relative_sensor_model) :: both
-    both%name = item%name
-    both%number = item%number
-    both%marker = item%marker
-    both%columns = columns
-    allocate (both%b, source=item)
-    both%b%number = number
-    both%b%marker = marker
-    call move_alloc(item, both%a)
-    allocate (item, source=both)
-  end subroutine make_relative
-
   !> The factory of sensors: the deck's word into the kind, and what follows the sensor's name in the name of each of its columns.
   subroutine make_sensor(d, number, m, markers, item, suffixes)
     type(deck), intent(in) :: d
@@ -103,9 +72,11 @@ contains
     type(marker_table), intent(inout) :: markers
     class(sensor_model), allocatable, intent(out) :: item
     character(suffix_length), allocatable, intent(out) :: suffixes(:)
+    type(quantity_sensor_model), allocatable :: quantities
     type(sensor_record) :: r
     character(:), allocatable :: unit
-    integer, allocatable :: row(:)                 ! of friction, among the constraints
+    integer, allocatable :: row(:)                 ! the friction's number among the constraints
+    integer :: k
     r = d%sensors(number)
     select case (r%quantity)
     case ('position')
@@ -113,7 +84,7 @@ contains
     case ('velocity')
       suffixes = [character(suffix_length) :: '.x[m/s]', '.y[m/s]']
     case ('acceleration')
-      allocate (point_sensor_model :: item)
+      item = acceleration_sensor_model(first=1, last=2, against=find_marker(m%s, markers, r%other))
       suffixes = [character(suffix_length) :: '.x[m/s2]', '.y[m/s2]']
     case ('distance')
       suffixes = [character(suffix_length) :: '[m]']
@@ -122,7 +93,7 @@ contains
     case ('angular_velocity')
       suffixes = [character(suffix_length) :: '[rad/s]']
     case ('angular_acceleration')
-      allocate (angle_sensor_model :: item)
+      item = acceleration_sensor_model(first=3, last=3, against=find_marker(m%s, markers, r%other))
       suffixes = [character(suffix_length) :: '[rad/s2]']
     case ('deflection')
       item = deflection_sensor_model()
@@ -140,7 +111,7 @@ contains
       suffixes = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
     case ('friction')
       row = friction_of(m%s, r%joint)
-      item = friction_sensor_model(row=row(1))
+      item = friction_sensor_model(constraint=row(1))
       suffixes = [character(suffix_length) :: '.f[N]', '.rate[m/s]', '.state[-]', '.share[-]']
       if (m%s%constraints(row(1))%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.rate[rad/s]']
     case ('internal')
@@ -176,26 +147,14 @@ contains
       suffixes = [character(suffix_length) :: '.f[N]', '.d[m]']
       if (m%s%forces(r%spring)%item%angular) suffixes = [character(suffix_length) :: '.f[Nm]', '.d[rad]']
     end select
-    if (.not. allocated(item)) call make_quantities(d, r, m, size(suffixes), markers, item)
-  end subroutine make_sensor
-
-  !> A sensor whose columns are quantities of motion.
-  subroutine make_quantities(d, r, m, columns, markers, item)
-    type(deck), intent(in) :: d
-    type(sensor_record), intent(in) :: r
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: columns
-    type(marker_table), intent(inout) :: markers
-    class(sensor_model), allocatable, intent(out) :: item
-    type(quantity_sensor_model), allocatable :: shown
-    integer :: k
-    allocate (shown)
-    allocate (shown%columns(columns))
-    do k = 1, columns
-      call make_quantity(d, m%s, r, k, markers, shown%columns(k)%item)
+    if (allocated(item)) return
+    allocate (quantities)                          ! all others are quantities of motion
+    allocate (quantities%columns(size(suffixes)))
+    do k = 1, size(suffixes)
+      call make_quantity(d, m%s, r, k, markers, quantities%columns(k)%item)
     end do
-    call move_alloc(shown, item)
-  end subroutine make_quantities
+    call move_alloc(quantities, item)
+  end subroutine make_sensor
 
   !> Values of all columns at an evaluated state (m holds the accelerations and multipliers of that state).
   subroutine read_sensors(list, m, ev, y, values)
