@@ -6,7 +6,7 @@ module readable_text
   private
   public :: readable, one_line, printable, json_text
 
-  character(*), parameter :: tab = achar(9), lf = achar(10)
+  character(*), parameter, public :: tab = achar(9), lf = achar(10)
 
 contains
 
@@ -67,6 +67,7 @@ contains
     character(*), intent(in) :: s
     character(:), allocatable :: text
     type(text_buffer) :: json
+    character(4) :: digits                !! hexadecimal; no control character needs more
     integer :: k, n, code
     call json%add('"')
     k = 1
@@ -77,7 +78,8 @@ contains
       else if (code == 34 .or. code == 92) then
         call json%add('\'//achar(code))
       else if (is_control(code) .or. (n == 1 .and. code >= 128)) then
-        call json%add('\u'//hexadecimal(code))
+        write (digits, '(z4.4)') code
+        call json%add('\u'//digits)
       else
         call json%add(s(k:k + n - 1))
       end if
@@ -86,18 +88,6 @@ contains
     call json%add('"')
     text = json%all()
   end function json_text
-
-  !> Four hexadecimal digits; no control character needs more.
-  pure function hexadecimal(code) result(digits)
-    integer, intent(in) :: code
-    character(4) :: digits
-    character(16), parameter :: hex = '0123456789abcdef'
-    integer :: k, digit
-    do k = 1, 4
-      digit = iand(shiftr(code, 16 - 4*k), 15) + 1
-      digits(k:k) = hex(digit:digit)
-    end do
-  end function hexadecimal
 
   !> The letter with which a text begins: how many bytes it has, and its number in Unicode.
   pure subroutine first_letter(s, n, code)

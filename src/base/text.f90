@@ -3,7 +3,8 @@ module text
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, joined, nearest_word, word_hash, quoted
+  character(*), parameter, public :: digits = '0123456789', letters = 'abcdefghijklmnopqrstuvwxyz'
+  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, joined, listed, nearest_word, word_hash, quoted
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
   interface to_text
@@ -64,17 +65,17 @@ contains
   pure function exact_text(x) result(t)
     real(wp), intent(in) :: x          !! any finite number [-]
     character(:), allocatable :: t
-    integer, parameter :: digits(2) = [15, 17]
+    integer, parameter :: figures(2) = [15, 17]
     character(32) :: buffer
     real(wp) :: back
     integer :: k
     t = real_text(x)
-    do k = 1, size(digits)
+    do k = 1, size(figures)
       read (t, *) back
       if (.not. abs(back - x) > 0.0_wp) exit
-      write (buffer, '(es32.'//to_text(digits(k) - 1)//'e3)') x
+      write (buffer, '(es32.'//to_text(figures(k) - 1)//'e3)') x
       if (abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp) then
-        write (buffer, '(f32.'//to_text(digits(k) - 1 - floor(log10(abs(x))))//')') x
+        write (buffer, '(f32.'//to_text(figures(k) - 1 - floor(log10(abs(x))))//')') x
       end if
       t = trim(adjustl(buffer))
     end do
@@ -137,6 +138,16 @@ contains
       if (k < size(words)) t(last + 1:n) = separator
     end do
   end function joined
+
+  !> Two words or more in a sentence: a, b and c.
+  pure function listed(words, before_last) result(t)
+    character(*), intent(in) :: words(:)
+    character(*), intent(in) :: before_last   !! `and` or `or`
+    character(:), allocatable :: t
+    integer :: n
+    n = size(words)
+    t = joined(words(:n - 1), ', ')//' '//before_last//' '//trim(words(n))
+  end function listed
 
   !> How many letters must be changed, added, dropped or swapped with their neighbour to turn `a` into `b`
   !> (optimal string alignment distance).

@@ -424,8 +424,8 @@ def test_a_periodic_history_that_begins_where_times_are_too_coarse_is_refused(ru
     deck += "&transient t_end=2.5 step=0.125 /\n&history name='p' kind='sine' amplitude=1.0 frequency=2.0 /\n"
     text = f"&history name='h' kind='sequence' histories='p','p' durations=0.5,0.5 start={begins} periodic=.true. /\n"
     told = run_deck(deck + text, expect=2).stderr
-    assert "history/h: a turn begins at" in told
-    assert "too little for parts of 0.5 s, expected one that begins nearer to t = 0" in told
+    assert "history/h: it begins at" in told
+    assert "too coarse for parts of 0.5 s, expected a start nearer to t = 0" in told
 
 
 @pytest.mark.parametrize("phase", [1.0e17, -3.0e20])

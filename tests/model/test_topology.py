@@ -235,7 +235,7 @@ def test_assembly_warns_of_frames_that_move_by_more_than_a_twentieth_of_the_scen
 @pytest.mark.parametrize(("body", "where"), [("ground", "on the ground"), ("a", "on rigid body 'a'")])
 def test_a_joint_of_a_body_with_itself_is_a_fault(run_deck, kind, body, where):
     done = run_deck(GRAVITY + rigid("a") + joint("o", kind, body, "", body, "point_b=1.0,0.0"), "--check", expect=2)
-    assert re.fullmatch(rf".*:3: joint/o: both markers are {where} and cannot move.*\n", done.stderr)
+    assert re.fullmatch(rf".*:3: joint/o: markers a and b are {where} and cannot move.*\n", done.stderr)
 
 
 def test_a_distance_joint_takes_its_length_from_the_assembled_positions(run_deck):

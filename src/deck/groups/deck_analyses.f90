@@ -19,7 +19,7 @@ contains
     type(static_record), intent(inout) :: s
     s%at = deck%at()
     s%present = .true.
-    call get(deck, 'load_steps', s%load_steps, least=1)
+    call get(deck, 'load_steps', s%load_steps, least=1.0_wp)
     call get(deck, 'tolerance', s%tolerance, above=0.0_wp, below=1.0_wp)
   end subroutine read_static
 
@@ -29,7 +29,7 @@ contains
     type(modal_record), intent(inout) :: m
     m%at = deck%at()
     m%present = .true.
-    call get(deck, 'modes', m%modes, least=1)
+    call get(deck, 'modes', m%modes, least=1.0_wp)
     call get_word(deck, 'friction', m%friction, [character(4) :: 'held', 'free'])
   end subroutine read_modal
 
@@ -46,11 +46,10 @@ contains
       call get(deck, 'from', r%from, required, least=0.0_wp)
     end if
     call get(deck, 'to', r%to, required, above=0.0_wp)
-    call get(deck, 'points', r%points, required, least=2)
+    call get(deck, 'points', r%points, required, least=2.0_wp)
     call get_input(deck, 'input', r%force, r%drive)
     call get_word(deck, 'friction', r%friction, [character(4) :: 'held', 'free'])
-    if (deck%is_set('from') .and. deck%is_set('to') .and. r%to <= r%from) call deck%complain('to', &
-      'to='//to_text(r%to)//' is not above from='//to_text(r%from)//', expected to > from')
+    call deck%check_order('from', r%from, 'to', r%to)
   end subroutine read_response
 
   !> &transient

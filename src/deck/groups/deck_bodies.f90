@@ -3,8 +3,7 @@ module deck_bodies
   use kinds, only: wp
   use text, only: to_text, lower
   use deck_input, only: deck_source, required
-  use deck_get, only: get, get_auto, get_pair, counted
-  use deck_lists, only: get_list
+  use deck_get, only: get, get_list, get_pair, counted
   use deck_words, only: get_name, get_choice, get_word, get_letters, get_references
   use deck_kinds, only: in_material, in_section
   use deck_geometry, only: check_frame, check_reference
@@ -14,7 +13,7 @@ module deck_bodies
   public :: read_body
 
   character(*), parameter :: elastic = 'beam frame'   !! kinds with nodes and elements
-  integer, parameter :: most_elements = 1000000       !! far beyond what double precision resolves in one beam
+  real(wp), parameter :: most_elements = 1.0e6_wp     !! far beyond what double precision resolves in one beam [-]
 
   character(*), parameter :: massless = 'a massless crank is a &joint of type ''distance'' with a &force of type '// &
     '''torque_about'', a massless slider a &joint of type ''slider'''
@@ -49,16 +48,15 @@ contains
     !> Geometry, materials and sections of a beam or frame.
     subroutine read_elements()
       call get(deck, 'length', b%length, required, above=0.0_wp, kinds='beam')
-      call get_auto(deck, 'elements', b%elements, b%auto_elements, required, least=1, most=most_elements, kinds='beam')
+      call get(deck, 'elements', b%elements, required, 1.0_wp, most_elements, 'beam', b%auto_elements)
       if (b%auto_elements) b%elements = 1     ! until all places on it are known
       call get_list(deck, 'node_x', b%node_x, required, kinds='frame')
       call get_list(deck, 'node_y', b%node_y, required, kinds='frame')
       call read_frame()
       if (deck%is_choice('beam') .and. deck%is_set('elements')) b%nodes = b%elements + 1
-      call read_properties('material', in_material, b%element_material, &
-        .not. deck%is_given('element_material'))
+      call read_properties('material', in_material, b%element_material, .not. deck%is_given('element_material'))
       call read_properties('section', in_section, b%element_section, .true.)
-      call read_element_material()
+      call read_properties('element_material', in_material, b%element_material, .false.)
     end subroutine read_elements
 
     !> Nodes and elements of a frame.
@@ -76,46 +74,32 @@ contains
       call check_frame(deck, b, mod(size(pairs), 2) == 0)
     end subroutine read_frame
 
-    !> Materials or sections of the elements: one name for all or, for a frame, one per element.
+    !> Materials or sections of the elements: one for all; one for each element of a frame, or where the variable says so.
     subroutine read_properties(name, kind, numbers, need)
-      character(*), intent(in) :: name                   !! `material` or `section`
+      character(*), intent(in) :: name                   !! `material`, `section` or `element_material`
       integer, intent(in) :: kind                        !! what it names
-      integer, allocatable, intent(out) :: numbers(:)    !! (elements) indices
+      integer, allocatable, intent(inout) :: numbers(:)  !! (elements) indices
       logical, intent(in) :: need                        !! whether it is required
       integer, allocatable :: found(:)
+      character(:), allocatable :: expected
+      logical :: each
+      each = name == 'element_material'
       call get_references(deck, name, kind, found, need, elastic)
-      allocate (numbers(b%elements))
-      numbers = 0
+      if (.not. allocated(numbers)) numbers = spread(0, 1, b%elements)
       if (.not. deck%is_set(name) .or. b%elements == 0) return
-      if (size(found) == 1) then
-        numbers = found(1)
-      else if (size(found) == b%elements .and. deck%is_choice('frame')) then
+      expected = 'one for each of the '//to_text(b%elements)//' elements'
+      if (.not. each) expected = '1 or '//expected
+      if (deck%is_choice('beam') .and. .not. each) expected = '1 for a beam'
+      if (each .and. b%auto_elements) then
+        call deck%complain(name, name//' with elements=''auto'', whose elements have no numbers, expected material')
+      else if (size(found) == 1 .and. .not. each) then
+        numbers = spread(found(1), 1, b%elements)
+      else if (size(found) == b%elements .and. (each .or. deck%is_choice('frame'))) then
         numbers = found
-      else if (deck%is_choice('frame')) then
-        call deck%complain(name, name//' has '//counted(size(found))//', expected 1 or one for each of the '// &
-          to_text(b%elements)//' elements')
-      else if (deck%is_choice('beam')) then
-        call deck%complain(name, name//' has '//to_text(size(found))//' values, expected 1 for a beam')
+      else if (deck%is_choice(elastic)) then
+        call deck%complain(name, name//' has '//counted(size(found))//', expected '//expected)
       end if
     end subroutine read_properties
-
-    !> Materials that differ from element to element.
-    subroutine read_element_material()
-      integer, allocatable :: found(:)
-      call get_references(deck, 'element_material', in_material, found, .false., elastic)
-      if (.not. deck%is_set('element_material') .or. b%elements == 0) return
-      if (b%auto_elements) then
-        call deck%complain('element_material', 'element_material with elements=''auto'', whose elements have no numbers, '// &
-          'expected material')
-        return
-      end if
-      if (size(found) == b%elements) then
-        b%element_material = found
-      else
-        call deck%complain('element_material', 'element_material has '//counted(size(found))// &
-          ', expected one for each of the '//to_text(b%elements)//' elements')
-      end if
-    end subroutine read_element_material
 
     !> What of a beam or frame is modelled.
     subroutine read_switches()
@@ -126,7 +110,7 @@ contains
         'the modulus that an elastic body keeps in place of its GHM terms, expected it with viscoelastic=.false.')
       call get(deck, 'axial', b%axial, kinds=elastic)
       call get(deck, 'stiffening', b%stiffening, kinds=elastic)
-      call get_auto(deck, 'modes', b%modes, b%auto_modes, least=0, kinds=elastic)
+      call get(deck, 'modes', b%modes, least=0.0_wp, kinds=elastic, auto=b%auto_modes)
       call get(deck, 'static_shapes', b%static_shapes, kinds=elastic)
       if (b%static_shapes .and. .not. reduced() .and. deck%is_known('modes')) call deck%complain('static_shapes', &
         'static_shapes=.true. with nodal coordinates (modes=0), which contain every shape, expected modes > 0')

@@ -39,8 +39,6 @@ contains
     type(fault_list), intent(inout) :: faults
     character(:), allocatable :: written
     character(3), allocatable :: list(:)
-    character(40), allocatable :: names(:)
-    integer :: k
     if (column%sensor == 0) return
     associate (s => d%sensors(column%sensor))
       if (len_trim(s%name) == 0 .or. len_trim(s%quantity) == 0) return     ! it could not be read
@@ -54,11 +52,7 @@ contains
           'follows from the forces themselves, expected a column of position, velocity, angle, angular_velocity, deflection, '// &
           'coordinate (.q, .qd), distance or spring (.d)')
       else
-        allocate (names(size(list)))
-        do k = 1, size(list)
-          names(k) = quoted(trim(s%name)//trim(list(k)))
-        end do
-        call at%blame(faults, written//' is no column of that sensor, expected '//joined(names, ' or '))
+        call at%blame(faults, written//' is no column of that sensor, expected '//quoted(joined(trim(s%name)//list, ''' or ''')))
       end if
     end associate
   end subroutine find_column

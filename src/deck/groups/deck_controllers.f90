@@ -32,8 +32,7 @@ contains
     call get(deck, 'delay', r%delay, above=0.0_wp)
     if (.not. (deck%is_given('kp') .or. deck%is_given('ki') .or. deck%is_given('kd'))) call deck%note_missing('kp', &
       'kp, ki or kd, or several of them')
-    if (deck%is_set('lower') .and. deck%is_set('upper') .and. r%lower >= r%upper) call deck%complain('upper', &
-      'upper='//to_text(r%upper)//' is not above lower='//to_text(r%lower)//', expected lower < upper')
+    call deck%check_order('lower', r%lower, 'upper', r%upper)
     if (deck%is_set('windup_time')) then
       if (.not. (deck%is_given('ki') .and. (deck%is_given('lower') .or. deck%is_given('upper')))) call deck%complain( &
         'windup_time', 'windup_time is how fast an integral follows a limited output, expected ki, and lower or upper')

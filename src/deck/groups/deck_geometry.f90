@@ -4,7 +4,7 @@ module deck_geometry
   use lapack, only: dsyev
   use text, only: to_text
   use deck_input, only: deck_source
-  use deck_lists, only: same_length
+  use deck_get, only: same_length
   use deck_records, only: body_record
   implicit none (type, external)
   private

@@ -6,8 +6,7 @@ module deck_histories
   use whole_file, only: read_file
   use text, only: to_text, quoted
   use deck_input, only: deck_source, required
-  use deck_get, only: get
-  use deck_lists, only: get_list, same_length
+  use deck_get, only: get, get_list, same_length
   use deck_words, only: get_name, get_choice, get_word, get_references
   use deck_kinds, only: in_history
   use deck_paths, only: beside
@@ -46,8 +45,7 @@ contains
     if (deck%choice_known .and. .not. deck%is_choice('table')) then
       call get(deck, 'value', h%value, required, kinds='pulse')
     end if
-    if (deck%is_set('start') .and. deck%is_set('finish') .and. h%finish <= h%start) call deck%complain('finish', &
-      'finish='//to_text(h%finish)//' is not later than start='//to_text(h%start)//', expected finish > start')
+    call deck%check_order('start', h%start, 'finish', h%finish)
     call get_references(deck, 'histories', in_history, h%parts, deck%is_choice('sum sequence'), kinds='sum sequence')
     call get_list(deck, 'factors', h%factors, kinds='sum')
     call get_list(deck, 'durations', h%durations, required, above=0.0_wp, kinds='sequence')
@@ -156,7 +154,7 @@ contains
     end subroutine check_ends
   end subroutine read_history
 
-  !> Reports sums and sequences that contain themselves or too many others, and periodic histories with too short a period.
+  !> Reports sums and sequences that contain themselves or too many others, and periods that are too short.
   subroutine check_histories(deck, list, t_end)
     class(deck_source), intent(inout) :: deck
     type(history_record), intent(in) :: list(:)
@@ -178,14 +176,14 @@ contains
       end do
     end do
     do k = 1, size(list)
-      if (parts(k) == 0) call list(k)%at%blame(deck%faults, 'leads back to itself or to one that does, expected histories '// &
-        'that do not')
-      if (list(k)%periodic) call check_turns(list(k), max(t_end, maxval([(sum(list(i)%durations), i=1, size(list))])))
+      if (parts(k) == 0) call list(k)%at%blame(deck%faults, 'contains itself or a history that does, expected '// &
+        'histories that do not')
+      if (list(k)%periodic) call check_period(list(k), max(t_end, maxval([(sum(list(i)%durations), i=1, size(list))])))
     end do
   contains
-    !> Limits the number of breakpoints of a periodic history in a run, since a step ends at each of them. Each period has one
-    !> breakpoint for each point or part. Parts that are shorter than the rounding of time are refused, too.
-    subroutine check_turns(h, until)
+    !> Limits the number of breakpoints of a periodic history in a run, since a step ends at each of them: one for each point or
+    !> part of a period. Parts may not be shorter than the rounding of time.
+    subroutine check_period(h, until)
       type(history_record), intent(in) :: h
       real(wp), intent(in) :: until        !! longest time that it may be asked for [s]
       real(wp) :: begins, period, shortest   ! [s]
@@ -200,13 +198,12 @@ contains
         period = sum(h%durations)
         shortest = minval(h%durations)
       end if
-      if (until*n > most_breakpoints*period) call h%at%blame(deck%faults, 'a turn takes '//to_text(period)//' s, too little '// &
-        'against '//to_text(until)//' s: more than '//to_text(most_breakpoints)//' corners, expected fewer turns (or '// &
-        'kind=''sine'')')
-      if (shortest < finest_part*spacing(abs(begins))) call h%at%blame(deck%faults, 'a turn begins at '//to_text(begins)// &
-        ' s, a time that is known to '//to_text(spacing(abs(begins)))//' s only: too little for parts of '//to_text(shortest)// &
-        ' s, expected one that begins nearer to t = 0')
-    end subroutine check_turns
+      if (until*n > most_breakpoints*period) call h%at%blame(deck%faults, 'its period of '//to_text(period)//' s has more than '// &
+        to_text(most_breakpoints)//' breakpoints in '//to_text(until)//' s, expected a longer period (or kind=''sine'')')
+      if (shortest < finest_part*spacing(abs(begins))) call h%at%blame(deck%faults, 'it begins at '//to_text(begins)// &
+        ' s, where times are rounded to '//to_text(spacing(abs(begins)))//' s: too coarse for parts of '//to_text(shortest)// &
+        ' s, expected a start nearer to t = 0')
+    end subroutine check_period
   end subroutine check_histories
 
   !> A line for each file from which a table was read: part of the deck's text, so that a restart notices a changed table.

@@ -48,10 +48,10 @@ contains
     if (deck%is_set('ratio') .and. .not. abs(j%ratio) > 0.0_wp) call deck%complain('ratio', 'ratio=0 holds section a and '// &
       'moves nothing, expected turns of a for one of b, not 0')
     call read_friction(deck, j)
-    call forbid_rigid_pair(deck, d, j%a, j%b)
+    call forbid_rigid_pair(deck, d, j%a, j%b, 'a', 'b')
     if (.not. deck%is_choice('gear')) return
-    call forbid_rigid_pair(deck, d, j%a, j%c, '_a', '_c')
-    call forbid_rigid_pair(deck, d, j%b, j%c, '_b', '_c')
+    call forbid_rigid_pair(deck, d, j%a, j%c, 'a', 'c')
+    call forbid_rigid_pair(deck, d, j%b, j%c, 'b', 'c')
   end subroutine read_joint
 
   !> Dry friction of &joint.
@@ -86,7 +86,7 @@ contains
     call get_reference(deck, 'history', in_history, r%history, required)
     call get(deck, 'rate', r%rate)
     call get(deck, 'relative', r%relative)
-    call forbid_rigid_pair(deck, d, r%a, r%b)
+    call forbid_rigid_pair(deck, d, r%a, r%b, 'a', 'b')
   end subroutine read_drive
 
   !> &spring
@@ -101,8 +101,7 @@ contains
     call read_marker(deck, d, '_b', s%b, .not. required, point_kinds='linear', frame_kinds='torsional')
     call get_reference(deck, 'characteristic', in_history, s%characteristic)
     call get(deck, 'stiffness', s%stiffness, .not. deck%is_given('characteristic'), least=0.0_wp)
-    if (deck%is_given('stiffness') .and. deck%is_given('characteristic')) call deck%complain('characteristic', 'stiffness and '// &
-      'characteristic are both given, expected one of them: a characteristic is the force over the deformation')
+    call deck%forbid_both('stiffness', 'characteristic', ': a characteristic is the force over the deformation')
     call get(deck, 'damping', s%damping, least=0.0_wp)
     call get(deck, 'free_length', s%free, least=0.0_wp, kinds='linear')
     call get(deck, 'free_angle', s%free, kinds='torsional')
@@ -111,7 +110,7 @@ contains
     if (deck%is_given('characteristic') .and. size(s%law%ghm_alpha) + size(s%law%prony_alpha) > 0) call deck%complain( &
       'characteristic', 'GHM and Maxwell terms follow a constant stiffness and do not go with a characteristic, expected them '// &
       'in a second spring between the same markers')
-    call forbid_rigid_pair(deck, d, s%a, s%b)
+    call forbid_rigid_pair(deck, d, s%a, s%b, 'a', 'b')
   end subroutine read_spring
 
   !> &force
@@ -132,10 +131,8 @@ contains
     call get_reference(deck, 'history', in_history, f%history, deck%is_given('argument') .and. .not. deck%is_given('controller'))
     call get_column(deck, 'argument', f%argument%sensor, f%argument%suffix)
     call get_reference(deck, 'controller', in_controller, f%controller)
-    if (deck%is_given('argument') .and. deck%is_given('controller')) call deck%complain('argument', 'argument and controller '// &
-      'are both given, expected argument in the &controller')
-    if (deck%is_given('history') .and. deck%is_given('controller')) call deck%complain('controller', 'history and controller '// &
-      'are both given, expected one of them')
+    call deck%forbid_both('argument', 'controller', ': the &controller has an argument of its own')
+    call deck%forbid_both('history', 'controller', '')
     call get_word(deck, 'stage', f%stage, [character(9) :: 'all', 'static', 'transient'])
   end subroutine read_force
 
@@ -159,23 +156,16 @@ contains
     call get(deck, 'exponent', s%exponent, least=1.0_wp, most=3.0_wp)
     call get(deck, 'damping', s%damping, least=0.0_wp)
     call get(deck, 'restitution', s%restitution, least=merge(0.0_wp, 0.05_wp, s%rigid), most=1.0_wp)
-    if (deck%is_given('damping') .and. deck%is_given('restitution')) then
-      call deck%complain('restitution', 'damping and restitution are both given, expected one of them: a restitution sets the '// &
-        'damping')
-    else if (s%rigid) then
+    call deck%forbid_both('damping', 'restitution', ': a restitution sets the damping')
+    if (s%rigid) then
       call forbid_flexible(deck, d, s)
       if (deck%is_given('exponent')) call deck%complain('exponent', 'exponent belongs to a stop with stiffness, expected '// &
         'stiffness > 0, or restitution alone: a rigid stop')
     end if
-    if (deck%is_choice('rotation position')) then
-      if (.not. (deck%is_given('lower') .or. deck%is_given('upper'))) then
-        call deck%note_missing('upper', 'lower, upper or both')
-      else if (deck%is_set('lower') .and. deck%is_set('upper') .and. s%lower >= s%upper) then
-        call deck%complain('upper', 'upper='//to_text(s%upper)//' is not above lower='//to_text(s%lower)// &
-          ', expected lower < upper')
-      end if
-    end if
-    call forbid_rigid_pair(deck, d, s%a, s%b)
+    if (deck%is_choice('rotation position') .and. .not. (deck%is_given('lower') .or. deck%is_given('upper'))) call &
+      deck%note_missing('upper', 'lower, upper or both')
+    call deck%check_order('lower', s%lower, 'upper', s%upper)
+    call forbid_rigid_pair(deck, d, s%a, s%b, 'a', 'b')
   end subroutine read_stop
 
   !> A rigid stop meets rigid bodies alone: how a flexible one rebounds depends on its mesh.

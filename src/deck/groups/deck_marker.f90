@@ -44,26 +44,25 @@ contains
     frame = .false.
     if (present(frame_kinds)) frame = deck%is_choice(frame_kinds)
     if (marker%body == 0) then
-      call check_point(marker%body)
+      call check_point()
     else if (deck%body_known(marker%body)) then
       if (d%bodies(marker%body)%kind == 'rigid') then
-        call check_point(marker%body)
+        call check_point()
       else
         call check_node()
       end if
     end if
   contains
     !> A rigid body and the ground have points, no nodes.
-    subroutine check_point(body)
-      integer, intent(in) :: body            !! number of the body, 0: the ground
+    subroutine check_point()
       character(:), allocatable :: expected
       expected = 'point'//suffix//'=x,y'
       if (frame) expected = 'no node'
       if (deck%is_set('at'//suffix)) call deck%complain('at'//suffix, 'at'//suffix//' is a share of the length of a beam and '// &
-        'does not apply to '//body_text(d, body)//', expected '//expected)
+        'does not apply to '//body_text(d, marker%body)//', expected '//expected)
       if (.not. deck%is_set('node'//suffix) .or. (frame .and. node == 0)) return
-      call deck%complain('node'//suffix, 'node'//suffix//' does not apply to '//body_text(d, body)//', which has no '// &
-        'nodes, expected '//expected)
+      call deck%complain('node'//suffix, 'node'//suffix//' does not apply to '//body_text(d, marker%body)//', which has '// &
+        'no nodes, expected '//expected)
     end subroutine check_point
 
     !> A beam or frame has nodes; the last one may be called -1.
@@ -144,21 +143,14 @@ contains
 
   !> Reports two markers that cannot move relative to each other: both on the ground or on one rigid body, or the same
   !> node or frame of one body.
-  subroutine forbid_rigid_pair(deck, d, a, b, suffix_a, suffix_b)
+  subroutine forbid_rigid_pair(deck, d, a, b, letter_a, letter_b)
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d
     type(marker_record), intent(in) :: a, b  !! the two markers
-    character(2), intent(in), optional :: suffix_a, suffix_b   !! of their variables: '_a' and '_b' where they are left out
-    character(:), allocatable :: marker, body_a, body_b, which
-    body_a = 'body_a'
-    if (present(suffix_a)) body_a = 'body'//suffix_a
-    body_b = 'body_b'
-    if (present(suffix_b)) body_b = 'body'//suffix_b
-    which = 'both markers'
-    if (present(suffix_a)) which = 'markers '//suffix_a(2:)//' and '//suffix_b(2:)
-    if (a%body /= b%body) return
-    if ((deck%is_given(body_a) .or. body_a == 'body_a') .and. .not. deck%is_set(body_a)) return
-    if (deck%is_given(body_b) .and. .not. deck%is_set(body_b)) return
+    character(1), intent(in) :: letter_a, letter_b   !! with which their variables end
+    character(:), allocatable :: marker
+    if (a%body /= b%body .or. .not. (deck%is_known('body_'//letter_a) .and. deck%is_known('body_'//letter_b))) return
+    if (letter_a == 'a' .and. .not. deck%is_set('body_a')) return      ! required, and reported as missing
     if (a%body == 0) then
       marker = 'on '//body_text(d, 0)
     else
@@ -170,7 +162,7 @@ contains
         if (a%node == 0) marker = 'the frame of '//body_text(d, a%body)
       end if
     end if
-    call deck%complain(body_b, which//' are '//marker//' and cannot move relative to each other, '// &
-      'expected two bodies')
+    call deck%complain('body_'//letter_b, 'markers '//letter_a//' and '//letter_b//' are '//marker//' and cannot move relative '// &
+      'to each other, expected two bodies')
   end subroutine forbid_rigid_pair
 end module deck_marker

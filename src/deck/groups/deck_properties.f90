@@ -2,10 +2,9 @@
 module deck_properties
   use kinds, only: wp, pi
   use expression, only: is_name, is_reserved
-  use text, only: to_text, joined, quoted
+  use text, only: to_text, joined, listed, quoted
   use deck_input, only: deck_source, required
-  use deck_get, only: get, get_pair
-  use deck_lists, only: get_list
+  use deck_get, only: get, get_list, get_pair
   use deck_parameters, only: parameter_value
   use deck_words, only: get_name, get_choice
   use deck_records, only: law_record, parameter_record, scene_record, material_record, section_record
@@ -99,16 +98,9 @@ contains
     do k = 1, size(names)
       if (any(given) .and. .not. given(k)) call deck%note_missing(trim(names(k)), joined(names, ', ')//' of equal length')
     end do
-    if (all(good) .and. any(lengths /= lengths(1))) call deck%complain(trim(names(1)), listed(names)//' have '// &
-      listed(numbers)//' values, expected equal numbers')
+    if (all(good) .and. any(lengths /= lengths(1))) call deck%complain(trim(names(1)), listed(names, 'and')//' have '// &
+      listed(numbers, 'and')//' values, expected equal numbers')
   end subroutine check_terms
-
-  !> Words of a list in a sentence: a, b and c.
-  pure function listed(words) result(text)
-    character(*), intent(in) :: words(:)
-    character(:), allocatable :: text
-    text = joined(words(:size(words) - 1), ', ')//' and '//trim(words(size(words)))
-  end function listed
 
   !> &section: area and second moment, or a shape with its sizes.
   subroutine read_section(deck, s)
@@ -133,12 +125,9 @@ contains
     call get(deck, 'inner', inner, required, above=0.0_wp, kinds='tube')
     call get(deck, 'area', s%area, no_shape, above=0.0_wp)
     call get(deck, 'inertia', s%inertia, no_shape, above=0.0_wp)
-    if (deck%is_given('shape')) then
-      call exclude(deck, 'area')
-      call exclude(deck, 'inertia')
-    end if
-    if (deck%is_set('inner') .and. deck%is_set('outer') .and. inner >= outer) call deck%complain('inner', &
-      'inner diameter of a tube is not smaller than the outer one, expected inner < outer')
+    call deck%forbid_both('shape', 'area', ': the sizes of a shape give its area')
+    call deck%forbid_both('shape', 'inertia', ': the sizes of a shape give its inertia')
+    call deck%check_order('inner', inner, 'outer', outer)
     if (shape == 'rectangle') then
       s%area = width*height
       s%inertia = width*height**3/12.0_wp
@@ -149,12 +138,4 @@ contains
       s%fibre = outer/2.0_wp
     end if
   end subroutine read_section
-
-  !> Reports a property that a section with a shape has already.
-  subroutine exclude(deck, name)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name   !! `area` or `inertia`
-    if (deck%is_given(name)) call deck%complain(name, name//' and shape are both given, expected either a shape '// &
-      'with its sizes or area and inertia')
-  end subroutine exclude
 end module deck_properties

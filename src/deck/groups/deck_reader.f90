@@ -6,9 +6,8 @@ module deck_reader
   use text, only: nearest_word, joined, quoted, exact_text
   use errors, only: fault_list
   use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_parameter, in_scene, in_material, &
-    in_section, in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, &
-    in_controller, in_static, in_modal, &
-    in_response
+    in_section, in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_controller, &
+    in_static, in_modal, in_response
   use deck_input, only: deck_source
   use deck_files, only: read_source
   use deck_names, only: doubtful

@@ -1,7 +1,7 @@
 !> Reader of &sensor.
 module deck_sensors
   use kinds, only: wp
-  use text, only: lower, to_text
+  use text, only: listed, lower, to_text
   use deck_input, only: deck_source, required
   use deck_get, only: get
   use deck_words, only: get_name, get_choice, get_reference
@@ -41,26 +41,30 @@ contains
     call get_reference(deck, 'spring', in_spring, s%spring, deck%is_choice('spring'), kinds='spring power work')
     call get_reference(deck, 'stop', in_stop, s%stop, required, kinds='stop')
     call get_reference(deck, 'controller', in_controller, s%controller, required, kinds='controller')
-    call get(deck, 'element', s%element, required, least=1, kinds='internal')
-    call get(deck, 'index', s%index, required, least=1, kinds='coordinate')
+    call get(deck, 'element', s%element, required, least=1.0_wp, kinds='internal')
+    call get(deck, 'index', s%index, required, least=1.0_wp, kinds='coordinate')
     call get(deck, 'accuracy', s%accuracy, above=0.0_wp, below=1.0_wp)
     call get(deck, 'floor', s%floor, least=0.0_wp)
     if (deck%is_choice(angles//' distance power work') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
-    call check_reaction()
+    call need_one('reaction', ['joint', 'drive'])
     call check_friction()
-    call check_power()
+    call need_one('power work', [character(6) :: 'drive', 'force', 'spring', 'joint'])
     call check_elastic()
   contains
-    !> A reaction is that of one joint or of one drive.
-    subroutine check_reaction()
-      if (.not. deck%is_choice('reaction')) return
-      if (deck%is_given('joint') .and. deck%is_given('drive')) then
-        call deck%complain('drive', 'joint and drive are both given, expected one of them')
-      else if (.not. (deck%is_given('joint') .or. deck%is_given('drive'))) then
-        call deck%note_missing('joint', 'joint or drive', kinds='reaction')
-      end if
-    end subroutine check_reaction
+    !> Exactly one of some variables has to be given.
+    subroutine need_one(kinds, names)
+      character(*), intent(in) :: kinds           !! quantities that need one of them
+      character(*), intent(in) :: names(:)
+      logical :: given(size(names))
+      integer :: k
+      if (.not. deck%is_choice(kinds)) return
+      given = [(deck%is_given(trim(names(k))), k=1, size(names))]
+      if (.not. any(given)) call deck%note_missing(trim(names(1)), listed(names, 'or'), kinds)
+      if (count(given) < 2) return
+      k = findloc(given, .true., 1, back=.true.)
+      call deck%complain(trim(names(k)), listed(pack(names, given), 'and')//' are given, expected one of them')
+    end subroutine need_one
 
     !> Friction is that of a joint that has some.
     subroutine check_friction()
@@ -70,16 +74,6 @@ contains
         call deck%complain('joint', 'joint "'//trim(j%name)//'" has no friction, expected a joint with friction or preload above 0')
       end associate
     end subroutine check_friction
-
-    !> A power or work is that of one drive, force, spring or joint.
-    subroutine check_power()
-      integer :: given
-      if (.not. deck%is_choice('power work')) return
-      given = count([deck%is_given('drive'), deck%is_given('force'), deck%is_given('spring'), deck%is_given('joint')])
-      if (given == 0) call deck%note_missing('drive', 'drive, force, spring or joint', kinds='power work')
-      if (given > 1) call deck%complain('quantity', 'more than one of drive, force, spring and joint is given, expected one of '// &
-        'them')
-    end subroutine check_power
 
     !> Elastic quantities are those of beams and frames; the element must exist.
     subroutine check_elastic()

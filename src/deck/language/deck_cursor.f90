@@ -27,6 +27,7 @@ module deck_cursor
     procedure :: token
     procedure :: tokens
     procedure :: values
+    procedure :: expanded
     procedure :: written
     procedure :: raw
     procedure :: file
@@ -81,7 +82,7 @@ contains
   end function assignment_of
 
   !> Text of a variable as it stands there, without declaring or checking it; empty where there is none.
-  function peek(self, name) result(value)
+  pure function peek(self, name) result(value)
     class(group_cursor), intent(in) :: self
     character(*), intent(in) :: name
     character(:), allocatable :: value
@@ -139,6 +140,23 @@ contains
       n = sum(self%parts%values(a%first_value:a%first_value + a%values - 1)%repeats)
     end associate
   end function values
+
+  !> Which value token each value of an assignment is, repeat counts expanded.
+  pure function expanded(self, assignment) result(list)
+    class(group_cursor), intent(in) :: self
+    integer, intent(in) :: assignment    !! number of the assignment in the group
+    integer, allocatable :: list(:)
+    integer :: k, n, last
+    allocate (list(self%values(assignment)))
+    n = 0
+    do k = 1, self%tokens(assignment)
+      associate (v => self%parts%values(self%parts%assignments(self%head + assignment)%first_value + k - 1))
+        last = n + v%repeats
+      end associate
+      list(n + 1:last) = k
+      n = last
+    end do
+  end function expanded
 
   !> One value as it stands in the deck, for messages.
   pure function written(self, token) result(t)

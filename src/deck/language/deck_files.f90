@@ -129,7 +129,8 @@ contains
     end do
     k = file
     do while (k > 0)
-      if (deck%parts%sources(k)%original == first) problem = ' includes itself, expected files that do not lead back to themselves'
+      if (deck%parts%sources(k)%original == first) problem = ' includes itself, directly or through others, expected files '// &
+        'that do not'
       k = deck%parts%sources(k)%parent
     end do
   end subroutine check_repeated

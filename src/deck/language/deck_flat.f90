@@ -3,6 +3,7 @@
 module deck_flat
   use growing_text, only: text_buffer
   use kinds, only: wp
+  use readable_text, only: lf
   use text, only: exact_text, to_text
   use deck_kinds, only: group_number, in_parameter
   use deck_paths, only: beside
@@ -11,8 +12,6 @@ module deck_flat
   implicit none (type, external)
   private
   public :: flat_text
-
-  character(*), parameter :: lf = achar(10)
 
 contains
 
@@ -59,6 +58,7 @@ contains
       integer, intent(in) :: file              !! number of its file
       integer, intent(in) :: g                 !! its number
       integer, intent(inout) :: last           !! last character of the file that is done with
+      character(:), allocatable :: path
       integer :: a, v
       associate (s => parts%sources(file), group => parts%groups(g))
         do a = group%first_assignment, group%first_assignment + group%assignments - 1
@@ -69,7 +69,9 @@ contains
               else if (token%part > 0) then
                 call replace(s%text, token%first, token%first - 1, parts%sources(token%part)%prefix, last)
               else if (parts%assignments(a)%name == 'file') then      ! a table's
-                call replace(s%text, token%first, token%last, whole_path(beside(s%path, s%text(token%first:token%last))), last)
+                path = beside(s%path, s%text(token%first:token%last))
+                if (index(path, '/') /= 1) path = current_folder()//path
+                call replace(s%text, token%first, token%last, path, last)
               end if
             end associate
           end do
@@ -88,14 +90,6 @@ contains
       last = through
     end subroutine replace
   end function flat_text
-
-  !> A path from the root.
-  function whole_path(path) result(whole)
-    character(*), intent(in) :: path           !! of a file, from the root or the current folder
-    character(:), allocatable :: whole
-    whole = path
-    if (index(path, '/') /= 1) whole = current_folder()//path
-  end function whole_path
 
   !> A number in as few digits as give it back; a whole one as an integer, since a variable may ask for that.
   function number_text(x) result(text)

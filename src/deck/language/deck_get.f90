@@ -9,12 +9,17 @@ module deck_get
   use deck_syntax, only: value_token, bare_value, string_value, null_value, expression_value
   implicit none (type, external)
   private
-  public :: get, get_auto, get_pair, real_of, integer_of, text_of, range_text, in_range, counted
+  public :: get, get_list, get_pair, same_length, check_form, counted
 
   !> Reads one value into a variable, which keeps its default where the group does not give it.
   interface get
     module procedure :: get_real, get_integer, get_logical, get_text
   end interface get
+
+  !> Reads a list of any length; it has size 0 where the group does not give it or a value is faulty.
+  interface get_list
+    module procedure :: get_reals, get_integers
+  end interface get_list
 
 contains
 
@@ -54,7 +59,7 @@ contains
     logical, intent(in), optional :: need
     character(*), intent(in), optional :: kinds
     real(wp) :: values(2)
-    integer :: assignment, k, n
+    integer :: assignment, k
     logical :: good
     call deck%look_up(name, need, kinds, name//'=x,y', assignment)
     if (assignment == 0) return
@@ -62,66 +67,107 @@ contains
       call deck%complain(name, name//' has '//counted(deck%values(assignment))//', expected 2: '//name//'=x,y')
       return
     end if
-    n = deck%tokens(assignment)
-    do k = 1, n
+    do k = 1, deck%tokens(assignment)
       call real_of(deck, name, deck%token(assignment, k), values(k), good)
       if (.not. good) return
     end do
-    x = values(1)
-    x(2) = values(n)
+    x = values(deck%expanded(assignment))
     call deck%mark_good(assignment)
   end subroutine get_pair
 
   !> A whole number.
-  subroutine get_integer(deck, name, n, need, least, most, kinds)
+  subroutine get_integer(deck, name, n, need, least, most, kinds, auto)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name
     integer, intent(inout) :: n                   !! receives the value
     logical, intent(in), optional :: need
-    integer, intent(in), optional :: least, most   !! range: >= least, <= most
+    real(wp), intent(in), optional :: least, most   !! range: >= least, <= most [-]
     character(*), intent(in), optional :: kinds
+    logical, intent(out), optional :: auto        !! whether 'auto' stands there, where that may be; n is then left as it is
     character(:), allocatable :: range
     integer :: assignment, value
     logical :: good
-    range = ''
-    if (present(need)) range = whole_range(name, least, most)
+    range = range_text(name, least=least, most=most)//' (a whole number)'
+    if (present(auto)) range = range//' or ''auto'''
     call single_value(deck, name, need, kinds, range, assignment, good)
+    if (present(auto)) auto = good .and. lower(deck%peek(name)) == 'auto'
+    if (.not. good) return
+    if (present(auto)) then
+      if (auto) call deck%mark_good(assignment)
+      if (auto) return
+      good = len(deck%peek(name)) == 0
+      if (.not. good) call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))//' is text, expected '//range)
+    end if
     if (good) call integer_of(deck, name, deck%token(assignment, 1), value, good)
     if (.not. good) return
-    if (present(least)) good = value >= least
-    if (present(most)) good = good .and. value <= most
-    if (good) then
+    if (in_range(real(value, wp), least=least, most=most)) then
       n = value
       call deck%mark_good(assignment)
     else
-      call out_of_range(deck, name, assignment, whole_range(name, least, most))
+      call out_of_range(deck, name, assignment, range)
     end if
   end subroutine get_integer
 
-  !> A whole number, or 'auto', which leaves it as it is.
-  subroutine get_auto(deck, name, n, auto, need, least, most, kinds)
+  !> Real numbers, all in one range.
+  subroutine get_reals(deck, name, x, need, above, kinds)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name
-    integer, intent(inout) :: n                   !! receives the value
-    logical, intent(out) :: auto                  !! the run finds it
+    real(wp), allocatable, intent(out) :: x(:)          !! the values [as the variable]
     logical, intent(in), optional :: need
-    integer, intent(in), optional :: least, most   !! range: >= least, <= most
+    real(wp), intent(in), optional :: above             !! every value must be greater [unit of the values]
     character(*), intent(in), optional :: kinds
-    integer :: assignment
-    character(:), allocatable :: word
-    word = deck%peek(name)
-    auto = .false.
-    if (len(word) == 0) then
-      call get_integer(deck, name, n, need, least, most, kinds)
-      return
-    end if
-    call deck%look_up(name, need, kinds, whole_range(name, least, most), assignment)
+    real(wp), allocatable :: values(:)
+    integer :: assignment, k
+    logical :: good
+    allocate (x(0))
+    call deck%look_up(name, need, kinds, name//'=number,number,...', assignment)
     if (assignment == 0) return
-    auto = lower(word) == 'auto'
-    if (auto) call deck%mark_good(assignment)
-    if (.not. auto) call deck%complain(name, name//'='//deck%written(deck%token(assignment, 1))//' is text, expected '// &
-      whole_range(name, least, most)//' or ''auto''')
-  end subroutine get_auto
+    allocate (values(deck%tokens(assignment)))
+    do k = 1, size(values)
+      call real_of(deck, name, deck%token(assignment, k), values(k), good)
+      if (.not. good) return
+      if (in_range(values(k), above)) cycle
+      call deck%complain(name, name//' has the value '//deck%written(deck%token(assignment, k))//', expected every '// &
+        range_text(name, above))
+      return
+    end do
+    x = values(deck%expanded(assignment))
+    call deck%mark_good(assignment)
+  end subroutine get_reals
+
+  !> Whole numbers.
+  subroutine get_integers(deck, name, x, need, kinds)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name
+    integer, allocatable, intent(out) :: x(:)           !! the values
+    logical, intent(in), optional :: need
+    character(*), intent(in), optional :: kinds
+    integer, allocatable :: values(:)
+    integer :: assignment, k
+    logical :: good
+    allocate (x(0))
+    call deck%look_up(name, need, kinds, name//'=number,number,... (whole numbers)', assignment)
+    if (assignment == 0) return
+    allocate (values(deck%tokens(assignment)))
+    do k = 1, size(values)
+      call integer_of(deck, name, deck%token(assignment, k), values(k), good)
+      if (.not. good) return
+    end do
+    x = values(deck%expanded(assignment))
+    call deck%mark_good(assignment)
+  end subroutine get_integers
+
+  !> Checks that two lists that belong together have equal lengths; silent where one of them is missing or faulty.
+  subroutine same_length(deck, name, length, other, other_length)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: name           !! the first list
+    integer, intent(in) :: length              !! its length
+    character(*), intent(in) :: other          !! the other list
+    integer, intent(in) :: other_length        !! its length
+    if (.not. (deck%is_set(name) .and. deck%is_set(other)) .or. length == other_length) return
+    call deck%complain(other, other//' has '//counted(other_length)//' and '//name//' '//to_text(length)// &
+      ', expected equal numbers')
+  end subroutine same_length
 
   !> A logical value.
   subroutine get_logical(deck, name, x, kinds)
@@ -132,7 +178,7 @@ contains
     integer :: assignment
     logical :: good
     call single_value(deck, name, .false., kinds, '.true. or .false.', assignment, good)
-    if (good) call check_bare(deck, name, deck%token(assignment, 1), '.true. or .false.', good)
+    if (good) call check_form(deck, name, deck%token(assignment, 1), bare_value, '.true. or .false.', good)
     if (.not. good) return
     select case (lower(deck%word(deck%token(assignment, 1))))
     case ('.true.', 'true', '.t.', 't')
@@ -159,7 +205,7 @@ contains
     wanted = name//'=''...'''
     if (present(expected)) wanted = expected
     call single_value(deck, name, need, kinds, wanted, assignment, good)
-    if (good) call text_of(deck, name, deck%token(assignment, 1), name//'=', good)
+    if (good) call check_form(deck, name, deck%token(assignment, 1), string_value, 'text in quotes', good)
     if (.not. good) return
     value = deck%word(deck%token(assignment, 1))
     do i = 1, len(value)
@@ -201,35 +247,29 @@ contains
     call deck%complain(name, name//' has '//counted(deck%values(assignment))//', '//expected)
   end subroutine single_value
 
-  !> Checks that a value is a word without quotes, such as a number.
-  subroutine check_bare(deck, name, token, expected, good)
+  !> Checks that a value is text in quotes, or a word without them, such as a number.
+  subroutine check_form(deck, name, token, form, expected, good)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name
     type(value_token), intent(in) :: token     !! the value
+    integer, intent(in) :: form                !! string_value or bare_value
     character(*), intent(in) :: expected       !! what was expected
     logical, intent(out) :: good
-    good = token%form == bare_value
-    if (token%form == string_value) call deck%complain(name, name//'='//deck%written(token)//' is text, expected '//expected// &
-      ' without quotes')
-    if (token%form == null_value) call deck%complain(name, name//' has an empty value, expected '//expected)
-    if (token%form == expression_value) call deck%complain(name, name//'='//deck%written(token)// &
-      ' is a number, expected '//expected)
-  end subroutine check_bare
-
-  !> Checks that a value is text in quotes.
-  subroutine text_of(deck, name, token, lead, good)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name
-    type(value_token), intent(in) :: token     !! the value
-    character(*), intent(in) :: lead           !! what stands before the text that is expected: `name=` where it is the only one
-    logical, intent(out) :: good
-    good = token%form == string_value
-    if (token%form == bare_value) call deck%complain(name, name//'='//deck%written(token)//' is not in quotes, expected '//lead// &
-      quoted(deck%written(token)))
-    if (token%form == null_value) call deck%complain(name, name//' has an empty value, expected text in quotes')
-    if (token%form == expression_value) call deck%complain(name, name//'='//deck%written(token)//' is a number, expected text '// &
-      'in quotes, without braces')
-  end subroutine text_of
+    good = token%form == form
+    if (good) return
+    select case (token%form)
+    case (string_value)
+      call deck%complain(name, name//'='//deck%written(token)//' is text, expected '//expected//' without quotes')
+    case (bare_value)
+      call deck%complain(name, name//'='//deck%written(token)//' is not in quotes, expected '//name//'='// &
+        quoted(deck%written(token)))
+    case (expression_value)
+      call deck%complain(name, name//'='//deck%written(token)//' is a number, expected '//expected//', without braces')
+    case (null_value)
+      call deck%complain(name, name//' has an empty value, expected '//expected)
+    case default     ! reported already
+    end select
+  end subroutine check_form
 
   !> A real number from one value.
   subroutine real_of(deck, name, token, x, good)
@@ -242,7 +282,7 @@ contains
     x = token%number
     good = token%form == expression_value
     if (good) return
-    call check_bare(deck, name, token, 'a number', good)
+    call check_form(deck, name, token, bare_value, 'a number', good)
     if (.not. good) return
     call read_real(deck%word(token), x, problem)
     if (index(problem, ' 1.5e-3') > 0) problem = problem//' or {2*pi}'
@@ -262,7 +302,7 @@ contains
       call whole_number(token%number, n, problem)
       if (len(problem) == 0) deck%parts%values(token%position)%number = n
     else
-      call check_bare(deck, name, token, 'a whole number', good)
+      call check_form(deck, name, token, bare_value, 'a whole number', good)
       if (.not. good) return
       call read_integer(deck%word(token), n, problem)
     end if
@@ -320,15 +360,4 @@ contains
     if (present(least) .and. present(most)) t = name//' from '//to_text(least)//' to '//to_text(most)
     if (t == name) t = name//'=number'
   end function range_text
-
-  !> A range of whole numbers in words.
-  pure function whole_range(name, least, most) result(t)
-    character(*), intent(in) :: name
-    integer, intent(in), optional :: least, most   !! range: >= least, <= most
-    character(:), allocatable :: t
-    t = name
-    if (present(least)) t = name//' >= '//to_text(least)
-    if (present(least) .and. present(most)) t = name//' from '//to_text(least)//' to '//to_text(most)
-    t = t//' (a whole number)'
-  end function whole_range
 end module deck_get

@@ -2,6 +2,7 @@
 !> A reader declares a variable by asking for it (modules deck_get, deck_lists, deck_words). A variable that no reader asked for
 !> is unknown; one that is asked for under another kind does not apply. Faults of one cause are reported once.
 module deck_input
+  use kinds, only: wp
   use readable_text, only: printable
   use text, only: lower, to_text, nearest_word, quoted
   use deck_kinds, only: group_kinds
@@ -39,6 +40,8 @@ module deck_input
     procedure :: is_clean
     procedure :: complain
     procedure :: note_missing
+    procedure :: forbid_both
+    procedure :: check_order
   end type deck_source
 
 contains
@@ -314,6 +317,24 @@ contains
     class(deck_source), intent(in) :: self
     yes = self%faults%count == self%faults_before
   end function is_clean
+
+  !> Reports two variables that exclude each other.
+  subroutine forbid_both(self, first, second, hint)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: first, second
+    character(*), intent(in) :: hint      !! what helps to decide, after a colon; may be empty
+    if (self%is_given(first) .and. self%is_given(second)) call self%complain(second, first//' and '//second// &
+      ' are both given, expected one of them'//hint)
+  end subroutine forbid_both
+
+  !> Reports two numbers that do not ascend.
+  subroutine check_order(self, lower, x, upper, y)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: lower, upper   !! the variables
+    real(wp), intent(in) :: x, y               !! their values [as the variables]
+    if (self%is_set(lower) .and. self%is_set(upper) .and. x >= y) call self%complain(upper, upper//'='//to_text(y)// &
+      ' is not above '//lower//'='//to_text(x)//', expected '//lower//' < '//upper)
+  end subroutine check_order
 
   !> Reports a fault of the group, at the line of a variable where that is given.
   subroutine complain(self, name, message)

@@ -1,6 +1,6 @@
 !> The groups that a deck may hold.
 module deck_kinds
-  use text, only: lower
+  use text, only: digits, letters, lower
   implicit none (type, external)
   private
   public :: group_number
@@ -26,7 +26,7 @@ module deck_kinds
     [(.not. (is_single(k) .or. k == in_include .or. k == in_lump), k=1, group_kinds)]
 
   !> What a name may consist of, in lower case.
-  character(*), parameter, public :: name_characters = 'abcdefghijklmnopqrstuvwxyz0123456789_-'
+  character(*), parameter, public :: name_characters = letters//digits//'_-'
 
 contains
 

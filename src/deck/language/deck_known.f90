@@ -40,9 +40,7 @@ contains
       if (self%count == size(self%items)) self%items = [self%items, self%items]
       self%count = self%count + 1
       k = self%count
-      self%items(k)%name = name
-      self%items(k)%applies = .false.
-      self%items(k)%missing = ''
+      self%items(k) = variable(name, .false., .false., '')
     end if
     self%items(k)%applies = self%items(k)%applies .or. applies
     self%items(k)%given = given

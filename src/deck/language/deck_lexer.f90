@@ -2,8 +2,8 @@
 !> (comments, quotes, repeat counts, any mixture of blanks, commas and new lines), but a string ends on its line and
 !> nothing but comments stands between groups.
 module deck_lexer
-  use readable_text, only: printable
-  use text, only: lower, to_text
+  use readable_text, only: lf, printable, tab
+  use text, only: digits, lower, to_text
   use deck_cursor, only: group_cursor
   use deck_kinds, only: group_number
   use deck_numbers, only: read_integer
@@ -13,9 +13,8 @@ module deck_lexer
   private
   public :: split_groups
 
-  character(*), parameter :: digits = '0123456789'
-  integer, parameter :: most_repeats = 10000000   !! a larger repeat count is a slip of the pen
-  character(*), parameter :: lf = achar(10), tab = achar(9), single = '''', double = '"'
+  integer, parameter :: most_repeats = 10000000   !! larger repeat counts are typing errors
+  character(*), parameter :: single = '''', double = '"'
   character(*), parameter :: word_end = ' ,=/!&'//single//double//tab//lf   !! characters that end a word
 
   !> A position in the text of one file.

@@ -2,12 +2,11 @@
 !> reason, and no conversion can overflow.
 module deck_numbers
   use kinds, only: wp, ip
-  use text, only: lower, short_text
+  use text, only: digits, lower, short_text
   implicit none (type, external)
   private
   public :: read_real, read_integer, whole_number, check_range
 
-  character(*), parameter :: digits = '0123456789'
   character(*), parameter :: out_of_range = 'is out of range, expected 0 or a magnitude from 1e-60 to 1e60'
   character(*), parameter :: out_of_integers = 'is out of range, expected a whole number up to 2147483647'
   integer, parameter :: decades = 60     !! magnitudes from 1e-60 to below 1e60: products of a few stay finite

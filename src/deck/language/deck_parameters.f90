@@ -169,7 +169,7 @@ contains
             depth = depth - 1
           end do
           if (p(needed)%source > 0) call deck%open(p(needed)%source)
-          call complain(p(needed)%source, p(needed)%line, p(needed)%shown, 'leads back to itself ('//chain(3:)//', '// &
+          call complain(p(needed)%source, p(needed)%line, p(needed)%shown, 'depends on itself ('//chain(3:)//', '// &
             name_of(needed)//'), expected parameters that do not')
         end if
       end do

@@ -3,14 +3,12 @@
 !> of numbers, empty lines and comments after #, ! or % are passed over.
 module deck_tables
   use kinds, only: wp
-  use readable_text, only: printable
+  use readable_text, only: lf, printable, tab
   use text, only: to_text
   use deck_numbers, only: read_real
   implicit none (type, external)
   private
   public :: read_columns
-
-  character(*), parameter :: lf = achar(10), tab = achar(9)
 
 contains
 

@@ -3,11 +3,11 @@ module deck_words
   use readable_text, only: printable
   use text, only: lower, to_text, nearest_word, joined, quoted
   use deck_input, only: deck_source, required
-  use deck_get, only: get, text_of
+  use deck_get, only: check_form, get
   use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive, in_sensor
   use deck_names, only: doubtful
   use deck_origin, only: name_length, named_record
-  use deck_syntax, only: value_token
+  use deck_syntax, only: string_value, value_token
   implicit none (type, external)
   private
   public :: get_word, get_choice, get_name, get_reference, get_references, get_column, get_letters, get_input, &
@@ -75,6 +75,7 @@ contains
       found = found(:0)
       return
     end do
+    if (size(found) > 0) found = found(deck%expanded(deck%assignment_of(name)))
   end subroutine get_letters
 
   !> Where the group stands, and its own name.
@@ -132,34 +133,29 @@ contains
     logical, intent(in), optional :: need
     character(*), intent(in), optional :: kinds
     character(:), allocatable :: value
-    integer :: found
     logical :: good
     call get(deck, name, value, need, kinds, 'the name of a &'//trim(group_names(kind)))
-    if (.not. deck%is_set(name)) return
-    call resolve(deck, name, 1, value, kind, found, good)
-    if (good) number = found
+    if (deck%is_set(name)) call resolve(deck, name, 1, value, kind, number, good)
   end subroutine get_reference
 
   !> A column of a sensor: `tip.x`, or the sensor's name alone where it has one column. `deck_columns` judges it.
-  subroutine get_column(deck, name, sensor, suffix, need, kinds)
+  subroutine get_column(deck, name, sensor, suffix, need)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name
     integer, intent(inout) :: sensor              !! receives the number of the sensor
     ! allow(C072): as long as a record keeps it
     character(*), intent(out) :: suffix           !! what follows the sensor's name, with the point
     logical, intent(in), optional :: need
-    character(*), intent(in), optional :: kinds
     character(:), allocatable :: value
-    integer :: found, point
+    integer :: point
     logical :: good
     suffix = ''
-    call get(deck, name, value, need, kinds, 'a column of a &sensor')
+    call get(deck, name, value, need, expected='a column of a &sensor')
     if (.not. deck%is_set(name)) return
     point = index(value, '.')
     if (point == 0) point = len(value) + 1
     suffix = lower(value(point:))
-    call resolve(deck, name, 1, value(:point - 1), in_sensor, found, good)
-    if (good) sensor = found
+    call resolve(deck, name, 1, value(:point - 1), in_sensor, sensor, good)
   end subroutine get_column
 
   !> A list of references to named things.
@@ -171,32 +167,29 @@ contains
     logical, intent(in) :: need
     character(*), intent(in), optional :: kinds
     character(name_length), allocatable :: values(:)
-    type(value_token) :: token, before
-    integer :: assignment, k, n
+    type(value_token) :: before
+    integer :: assignment, k
     logical :: good, all_good
     call text_list(deck, name, values, 'the name of a &'//trim(group_names(kind)), need, kinds)
-    allocate (numbers(size(values)))
+    allocate (numbers(size(values)), source=0)
     if (size(values) == 0) return
     all_good = .true.
     assignment = deck%assignment_of(name)
-    n = 1
-    do k = 1, deck%tokens(assignment)
-      token = deck%token(assignment, k)
-      if (k > 1 .and. values(n) == values(max(n - 1, 1))) then      ! a fault of it is reported already
-        numbers(n) = numbers(n - 1)
+    do k = 1, size(values)
+      if (k > 1 .and. values(k) == values(max(k - 1, 1))) then      ! a fault of it is reported already
+        numbers(k) = numbers(k - 1)
+        before = deck%token(assignment, k - 1)
         call note_part(deck, name, k, before%part)
       else
-        call resolve(deck, name, k, trim(values(n)), kind, numbers(n), good)
+        call resolve(deck, name, k, trim(values(k)), kind, numbers(k), good)
         all_good = all_good .and. good
       end if
-      before = deck%token(assignment, k)
-      numbers(n:n + token%repeats - 1) = numbers(n)
-      n = n + token%repeats
     end do
+    numbers = numbers(deck%expanded(assignment))
     if (.not. all_good) numbers = [integer ::]
   end subroutine get_references
 
-  !> A list of names or words in quotes.
+  !> A list of names or words in quotes, one for each value token.
   subroutine text_list(deck, name, values, expected, need, kinds)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: name
@@ -207,24 +200,22 @@ contains
     character(name_length), allocatable :: list(:)
     type(value_token) :: token
     character(:), allocatable :: problem
-    integer :: assignment, k, n
+    integer :: assignment, k
     logical :: good
     allocate (values(0))
     call deck%look_up(name, need, kinds, expected, assignment)
     if (assignment == 0) return
-    allocate (list(deck%values(assignment)))
-    n = 0
-    do k = 1, deck%tokens(assignment)
+    allocate (list(deck%tokens(assignment)))
+    do k = 1, size(list)
       token = deck%token(assignment, k)
-      call text_of(deck, name, token, '', good)
+      call check_form(deck, name, token, string_value, 'text in quotes', good)
       if (.not. good) return
       call valid_name(deck%word(token), problem)
       if (len(problem) > 0) then
         call deck%complain(name, name//'='//deck%written(token)//' '//problem)
         return
       end if
-      list(n + 1:n + token%repeats) = deck%word(token)
-      n = n + token%repeats
+      list(k) = deck%word(token)
     end do
     call move_alloc(list, values)
     call deck%mark_good(assignment)
@@ -264,19 +255,20 @@ contains
     integer, intent(in) :: k              !! which of its values, repeat counts not expanded
     character(*), intent(in) :: value     !! the name it gives
     integer, intent(in) :: kind           !! what it names
-    integer, intent(out) :: number        !! number of the thing, 0: the ground
+    integer, intent(inout) :: number      !! receives the number of the thing, 0: the ground
     logical, intent(out) :: good          !! whether it names something
     character(:), allocatable :: best
-    integer :: part
-    number = 0
+    integer :: found, part
     good = kind == in_body .and. lower(value) == 'ground'
+    if (good) number = 0
     if (good) return
-    call deck%find(deck%file(), kind, value, number, part)
-    good = number > 0
+    call deck%find(deck%file(), kind, value, found, part)
+    good = found > 0
+    if (good) number = found
     if (good) call note_part(deck, name, k, part)
     if (good) return
     call deck%mark_faulty(name)
-    if (number == doubtful) return
+    if (found == doubtful) return
     call deck%nearest(deck%file(), kind, value, best)
     call names_nothing(deck, name, value, trim(group_names(kind)), trim(group_names(kind)), best)
   end subroutine resolve

@@ -4,7 +4,7 @@
 module expression
   use kinds, only: wp, pi
   use readable_text, only: printable
-  use text, only: lower, to_text, joined, nearest_word
+  use text, only: digits, letters, lower, to_text, joined, nearest_word
   use deck_numbers, only: read_real
   implicit none (type, external)
   private
@@ -15,7 +15,6 @@ module expression
   integer, parameter :: longest = 1000                  !! characters of an expression
   integer, parameter :: deepest = 100                   !! parentheses, signs and powers within each other
   integer, parameter :: decades = 150                   !! of results
-  character(*), parameter :: digits = '0123456789', letters = 'abcdefghijklmnopqrstuvwxyz'
 
   character(5), parameter :: functions(13) = [character(5) :: 'sin', 'cos', 'tan', 'asin', 'acos', 'atan', 'atan2', 'sqrt', &
     'exp', 'log', 'abs', 'min', 'max']
