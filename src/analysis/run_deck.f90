@@ -285,7 +285,7 @@ contains
                                                             march%restarts, text, ok)
     if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
     if (march%search%over) call remove_results(run%folder, unfinished)
-    call close_lock(run%folder//'/.lock', lock)
+    call close_lock(lock)
     call hold_signals(.false.)
     status = fail%status
     if (.not. ok .and. status == status_ok) then

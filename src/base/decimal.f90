@@ -116,31 +116,18 @@ contains
     integer(int64), intent(in) :: digits
     integer, intent(in) :: e
     character(number_width), intent(out) :: text
-    integer(int64) :: left, right
-    left = digits/10_int64**8
-    right = digits - left*10_int64**8
-    text(1:2) = '  '
-    text(3:3) = achar(iachar('0') + int(left/10_int64**8))
-    text(4:4) = '.'
-    call put_eight(int(mod(left, 10_int64**8)), text(5:12))
-    call put_eight(int(right), text(13:20))
+    integer(int64) :: rest
+    integer :: k
+    rest = digits
+    do k = 19, 5, -2
+      text(k:k + 1) = pairs(mod(rest, 100_int64))
+      rest = rest/100
+    end do
+    text(1:4) = '  '//achar(iachar('0') + int(rest))//'.'
     text(21:22) = merge('E-', 'E+', e < 0)
     text(23:23) = achar(iachar('0') + abs(e)/100)
     text(24:25) = pairs(mod(abs(e), 100))
   end subroutine put_digits
-
-  !> Eight digits.
-  pure subroutine put_eight(n, text)
-    integer, intent(in) :: n
-    character(8), intent(out) :: text
-    integer :: high, low
-    high = n/10000
-    low = n - high*10000
-    text(1:2) = pairs(high/100)
-    text(3:4) = pairs(mod(high, 100))
-    text(5:6) = pairs(low/100)
-    text(7:8) = pairs(mod(low, 100))
-  end subroutine put_eight
 
   !> Powers of ten by products with 10 = 1.25 2^3 and 1/10 = 0.8 2^-3, each wrong by two of the last bits at most.
   subroutine fill_table()

@@ -214,12 +214,11 @@ contains
   end function first_line
 
   !> Ends a lock and removes its file.
-  subroutine close_lock(path, handle)
-    character(*), intent(in) :: path
+  subroutine close_lock(handle)
     integer, intent(in) :: handle
     integer(c_int) :: status
     if (handle <= 0) return
-    status = c_unlink(path//c_null_char)
+    call drop_lock()
     status = c_close(handle)
     deallocate (locked)
   end subroutine close_lock
@@ -299,12 +298,10 @@ contains
   function read_back(handle) result(text)
     integer, intent(in) :: handle
     character(:), allocatable :: text
-    integer(c_long) :: bytes, start
+    integer(c_long) :: bytes
     integer(c_int) :: status
-    bytes = c_lseek(handle, 0_c_long, from_end)
-    start = c_lseek(handle, 0_c_long, 0)
-    allocate (character(max(0_c_long, bytes)) :: text)
-    if (bytes > 0) bytes = c_read(handle, text, int(bytes, c_size_t))
+    allocate (character(max(0_ip, size_of(handle))) :: text)
+    bytes = c_read(handle, text, len(text, c_size_t))
     status = c_close(handle)
   end function read_back
 

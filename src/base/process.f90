@@ -3,7 +3,7 @@
 module process
   use errors, only: status_failed, status_signal
   use posix, only: c_close, c_getpid, c_open, drop_lock, standard_error, standard_output, tell
-  use, intrinsic :: iso_c_binding, only: c_int, c_char, c_null_char, c_funptr, c_funloc, c_intptr_t, c_null_funptr
+  use, intrinsic :: iso_c_binding, only: c_int, c_null_char, c_funptr, c_funloc, c_intptr_t, c_null_funptr
   implicit none (type, external)
   private
   public :: begin_process, end_process, hold_signals, caught_signal, start_child, wait_for_child, c_exit
@@ -108,8 +108,7 @@ contains
   subroutine say_why_ended() bind(c)
     if (ended) return
     call drop_lock()
-    call tell('biela: ended before its time, most likely because memory has ended: the deck needs more than the system gives; '// &
-              'rows on disk are complete')
+    call tell('biela: stopped, most likely because the deck needs more memory than the system gives; rows on disk are complete')
   end subroutine say_why_ended
 
   !> The handler of memory faults: compiled code does not ask everywhere whether it got the memory that it writes to.

@@ -16,8 +16,8 @@ module summary_text
     type(text_buffer) :: members                  !! of the JSON object, so far
     type(text_buffer) :: warnings                 !! elements of its list of warnings, so far
     character(8) :: open_brackets = ''            !! '{' or '[' of the objects and lists that are not closed
-    logical :: silent = .false.                   !! warnings wait in `untold` instead of going to standard error
-    type(text_buffer) :: untold                   !! lines
+    logical :: silent = .false.                   !! warnings go to `held_back` instead of standard error
+    type(text_buffer) :: held_back                !! their lines
   contains
     procedure :: line
     procedure :: open => open_bracket
@@ -144,7 +144,7 @@ contains
     call exchange_buffer(self%words)
     call exchange_buffer(self%members)
     call exchange_buffer(self%warnings)
-    call exchange_buffer(self%untold)
+    call exchange_buffer(self%held_back)
   contains
     !> One of its texts.
     subroutine exchange_buffer(buffer)

@@ -15,7 +15,7 @@ module acting_markers
 
 contains
 
-  !> (3, n) markers a and b of all joints and drives, then of all springs, loads and stops; a load has one marker, which stands twice.
+  !> (3, n) markers a and b of all joints and drives, then of all springs, loads and stops; the one marker of a load stands twice.
   !> The third one is the carrier of a gear.
   pure function list_markers(d) result(list)
     type(deck), intent(in) :: d
@@ -69,18 +69,13 @@ contains
     acts = .false.
     do i = 1, size(acting, 2)
       do side = 1, 3
-        associate (at => acting(side, i)%marker)
-          if (at%body == k .and. at%node > 0) acts(:, at%node) = acts(:, at%node) .or. in_body_axes(acting(side, i)%acts)
+        associate (at => acting(side, i)%marker, on => acting(side, i)%acts)
+          if (at%body /= k .or. at%node == 0) cycle
+          acts(1:2, at%node) = acts(1:2, at%node) .or. any(on(1:2))     ! one global axis lies along both axes of a turned body
+          acts(3, at%node) = acts(3, at%node) .or. on(3)
         end associate
       end do
     end do
     list = pack(b%dof, acts .and. b%dof > 0)
   end function coordinates_under_load
-
-  !> What acts along one global axis acts along both axes of a body.
-  pure function in_body_axes(acts) result(turned)
-    logical, intent(in) :: acts(3)
-    logical :: turned(3)
-    turned = [any(acts(1:2)), any(acts(1:2)), acts(3)]
-  end function in_body_axes
 end module acting_markers

@@ -6,13 +6,13 @@ module build_bodies
   use errors, only: fault_list
   use deck_geometry, only: removed_coordinates
   use deck_records, only: deck, body_record
-  use body, only: body_model, lump
+  use body, only: body_model
   use body_operators, only: nodal_operators
   use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal, finish_elastic, &
                         body_length, sort_segments
   use acting_markers, only: acting_marker, coordinates_under_load
   use modal_reduction, only: reduce_to_modes
-  use number_range, only: judge_values
+  use number_range, only: check_values
   use text, only: to_text
   implicit none (type, external)
   private
@@ -47,7 +47,7 @@ contains
       call add_lumps()
       b%length = body_length(b%x)
       faults_before = faults%count
-      call judge_values(d, r, b, faults)
+      call check_values(d, r, b, faults)
       if (faults%count > faults_before) return
       if (r%kind /= 'rigid' .and. r%flexible) then
         call make_flexible()

@@ -130,8 +130,8 @@ contains
       sp%stiffness = sp%history%steepest()
       call require_continuous(r%at, 'characteristic', sp%history, faults)
       if (.not. (r%has_free .or. sp%history%vanishes())) call r%at%blame(faults, 'characteristic='// &
-        quoted(trim(sp%history%name))//' is nowhere zero, so that no deformation is that of the unloaded spring, expected one '// &
-        'that passes through zero, or '//trim(merge('free_angle ', 'free_length', sp%angular))//', where its argument is zero')
+        quoted(trim(sp%history%name))//' is nowhere zero, so that the spring has no unloaded state, expected one that passes '// &
+        'through zero, or '//trim(merge('free_angle ', 'free_length', sp%angular))//', from which its argument counts')
     end if
     call move_alloc(sp, item)
   end subroutine make_spring

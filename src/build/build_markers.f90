@@ -9,7 +9,7 @@ module build_markers
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: marker_table, begin_markers, make_marker, find_marker, elastic_marker, scene_size, list_loaded
+  public :: marker_table, begin_markers, find_marker, elastic_marker, scene_size, list_loaded
 
   !> Markers found so far, body by body, so that each is kept once.
   type :: marker_table
@@ -42,15 +42,15 @@ contains
     end associate
   end function make_marker
 
-  !> Index of a marker, added where it is new. What acts by a moment alone on the frame of a body takes any marker of that frame.
-  integer function find_marker(s, markers, r, turns_alone) result(k)
+  !> Index of a marker, added where it is new. A moment on the frame of a body takes any marker of that frame.
+  integer function find_marker(s, markers, r, moment_only) result(k)
     type(scene), intent(in) :: s
     type(marker_table), intent(inout) :: markers
     type(marker_record), intent(in) :: r
-    logical, intent(in), optional :: turns_alone
+    logical, intent(in), optional :: moment_only    !! what acts there acts by a moment alone
     logical :: any_point
     any_point = .false.
-    if (present(turns_alone)) any_point = turns_alone
+    if (present(moment_only)) any_point = moment_only
     k = markers%head(r%body)
     do while (k > 0)
       if (markers%items(k)%node == r%node) then
@@ -59,7 +59,7 @@ contains
       end if
       k = markers%next(k)
     end do
-    k = added(markers, make_marker(s, r))
+    k = add_marker(markers, make_marker(s, r))
     markers%next(k) = markers%head(r%body)
     markers%head(r%body) = k
   end function find_marker
@@ -88,11 +88,11 @@ contains
         end if
       end if
     end associate
-    k = added(markers, p)
+    k = add_marker(markers, p)
   end function elastic_marker
 
   !> Index of a marker that is appended to a table.
-  integer function added(markers, p) result(k)
+  integer function add_marker(markers, p) result(k)
     type(marker_table), intent(inout) :: markers
     type(marker_model), intent(in) :: p
     if (markers%count == size(markers%items)) then
@@ -103,7 +103,7 @@ contains
     k = markers%count
     markers%items(k) = p
     markers%next(k) = 0
-  end function added
+  end function add_marker
 
   !> The scene's size S: the largest distance between two markers, nodes or mass centres of one body, or between two
   !> markers on the ground. Frames on which drives, torques and torsional springs act are not markers, and
@@ -112,38 +112,22 @@ contains
     type(scene), intent(in) :: s
     type(acting_marker), intent(in) :: acting(:, :)
     real(wp) :: size_s                      !! [m]
-    real(wp), allocatable :: points(:, :)   !! (2, n) points of one body [m]
+    real(wp), allocatable :: points(:)      ! x and y of all points of one body [m]
     type(marker_record), allocatable :: list(:)
     integer, allocatable :: first(:), sorted(:)
-    integer :: b, k, n
-    list = point_markers(acting)
+    integer :: b, k
+    list = pack(acting%marker, (acting%acts(1) .or. acting%acts(2)) .and. acting%marker%node == 0)   ! bodies have their nodes
     call sort_by_number(list%body, size(s%bodies), first, sorted)
     size_s = 0.0_wp
     do b = 0, size(s%bodies)
-      n = first(b + 1) - first(b)
-      allocate (points(2, n + 1))
-      do k = 1, n
-        points(:, k) = list(sorted(first(b) + k - 1))%point
-      end do
-      if (b > 0) then
-        points(:, n + 1) = s%bodies(b)%i1/s%bodies(b)%mass
-        size_s = max(size_s, body_length(reshape([s%bodies(b)%x, points], [2, s%bodies(b)%nn + n + 1])))
-      else
-        size_s = max(size_s, body_length(points(:, 1:n)))
-      end if
-      deallocate (points)
+      points = [(list(sorted(k))%point, k=first(b), first(b + 1) - 1)]
+      if (b > 0) points = [s%bodies(b)%x, s%bodies(b)%i1/s%bodies(b)%mass, points]
+      size_s = max(size_s, body_length(reshape(points, [2, size(points)/2])))
     end do
     if (size_s > 0.0_wp) return
     size_s = maxval(sqrt(s%bodies%i11/s%bodies%mass))     ! one body held at its mass centre: radius of gyration
     if (.not. size_s > 0.0_wp) size_s = 1.0_wp
   end function scene_size
-
-  !> All points on which forces act, nodes left out (bodies know their nodes).
-  pure function point_markers(acting) result(list)
-    type(acting_marker), intent(in) :: acting(:, :)
-    type(marker_record), allocatable :: list(:)
-    list = pack(acting%marker, (acting%acts(1) .or. acting%acts(2)) .and. acting%marker%node == 0)
-  end function point_markers
 
   !> Markers on bodies where springs and loads act, sorted by body.
   subroutine list_loaded(s)

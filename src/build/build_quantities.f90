@@ -25,7 +25,7 @@ contains
     case ('position', 'velocity')
       item = difference_quantity(component=column)
     case ('angle', 'angular_velocity')
-      item = difference_quantity(component=3)
+      item = difference_quantity(component=3, angular=.true.)
     case ('deflection', 'coordinate')
       allocate (elastic_quantity :: item)
       b = marker_record(body=a%body)
@@ -33,7 +33,7 @@ contains
       a = d%springs(r%spring)%a
       b = d%springs(r%spring)%b
       if (d%springs(r%spring)%type == 'torsional') then
-        item = difference_quantity(component=3)
+        item = difference_quantity(component=3, angular=.true.)
       else
         allocate (distance_quantity :: item)
       end if
@@ -41,10 +41,6 @@ contains
       item%pending = .not. d%springs(r%spring)%has_free
     case default
       allocate (distance_quantity :: item)
-    end select
-    select type (item)
-    type is (difference_quantity)
-      item%angular = item%component == 3
     end select
     item%rate = any(r%quantity == [character(20) :: 'velocity', 'angular_velocity']) .or. &
                 (r%quantity == 'coordinate' .and. column == 2)

@@ -13,12 +13,12 @@ module build_scene
   use sorting, only: sort_by_number
   use deck_records, only: deck
   use internal_variables, only: internal_state
-  use number_range, only: judge_laws, judge_distances
+  use number_range, only: check_laws, check_distances
   use scene_model, only: loss_cause, scene
   use springs, only: spring_model
   implicit none (type, external)
   private
-  public :: build, make_elements, place_elements, number_internal
+  public :: build, number_internal
 
 contains
 
@@ -27,26 +27,18 @@ contains
     type(deck), intent(in) :: d
     type(scene), intent(out) :: s
     type(fault_list), intent(inout) :: faults
-    call make_elements(d, s, faults)
-    if (faults%count == 0) call place_elements(d, s, faults)
-  end subroutine build
-
-  !> Joints, drives, springs and loads, each of its kind. Bodies ask the kinds on which of their coordinates they act.
-  subroutine make_elements(d, s, faults)
-    type(deck), intent(in) :: d
-    type(scene), intent(out) :: s
-    type(fault_list), intent(inout) :: faults
     s%title = d%scene%title
     s%materials = d%materials%name
     s%gravity = d%scene%gravity
-    call judge_laws(d, faults)
+    call check_laws(d, faults)
     if (faults%count > 0) return
     call make_constraints(d, s, faults)
     call make_forces(d, s, faults)
     call make_controllers(d, s)
-  end subroutine make_elements
+    if (faults%count == 0) call place_elements(d, s, faults)
+  end subroutine build
 
-  !> Bodies, and the elements on their markers; everything numbered.
+  !> Bodies, which ask the elements on which of their coordinates they act; the elements on their markers; everything numbered.
   subroutine place_elements(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s              !! its elements are made
@@ -55,7 +47,7 @@ contains
     type(marker_table) :: markers
     integer, allocatable :: first(:), lumps(:)   ! lumps by body
     integer :: k
-    logical :: alone                       ! it acts by moments alone
+    logical :: moment_only
     acting = list_acting(d, s)
     call sort_by_number(d%lumps%marker%body, size(d%bodies), first, lumps)
     allocate (s%bodies(size(d%bodies)))
@@ -82,9 +74,9 @@ contains
     call list_integrated(d, s)
     do k = 1, size(s%forces)
       associate (f => s%forces(k)%item, pair => acting(:, s%permanent + k)%marker)
-        alone = f%switches .and. .not. any(f%acts_on() .and. [.true., .true., .false., .true., .true., .false.])
-        f%ia = find_marker(s, markers, pair(1), alone)
-        f%ib = find_marker(s, markers, pair(2), alone)
+        moment_only = f%switches .and. .not. any(f%acts_on() .and. [.true., .true., .false., .true., .true., .false.])
+        f%ia = find_marker(s, markers, pair(1), moment_only)
+        f%ib = find_marker(s, markers, pair(2), moment_only)
         f%size = s%size
       end associate
     end do
@@ -96,7 +88,7 @@ contains
     end do
     call place_controllers(d, s, markers)
     s%markers = markers%items(1:markers%count)
-    call judge_distances(d, s, faults)
+    call check_distances(d, s, faults)
     call list_loaded(s)
     call number_unknowns(d, s)
   end subroutine place_elements

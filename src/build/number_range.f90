@@ -1,6 +1,7 @@
-!> Refuses decks whose numbers double precision cannot carry: masses, stiffness or squared frequencies so large or small that
-!> products of several overflow, masses of one body so uneven that some are lost in rounding, markers so far from a body that
-!> rounding of its angle moves them. These are reported as faults of the deck, before anything is computed.
+!> Refuses decks whose numbers double precision cannot carry, as faults of the deck and before anything is computed:
+!> - masses, stiffness or squared frequencies so large or small that products of several overflow
+!> - masses of one body so uneven that some are lost in rounding
+!> - markers so far from a body that rounding of its angle moves them.
 module number_range
   use kinds, only: wp
   use body, only: body_model
@@ -13,7 +14,7 @@ module number_range
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: judge_laws, judge_values, judge_distances
+  public :: check_laws, check_values, check_distances
 
   real(wp), parameter :: largest_value = 1.0e60_wp           !! products of five stay finite, as do those of their reciprocals [any]
   real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element over its body's: beside a lump it keeps two digits [-]
@@ -25,20 +26,20 @@ module number_range
 contains
 
   !> Reports laws of materials and springs whose terms are out of range.
-  subroutine judge_laws(d, faults)
+  subroutine check_laws(d, faults)
     type(deck), intent(in) :: d
     type(fault_list), intent(inout) :: faults
     integer :: k
     do k = 1, size(d%materials)
-      call judge_law(d%materials(k)%at, law_of(d%materials(k)%law), faults)
+      call check_law(d%materials(k)%at, law_of(d%materials(k)%law), faults)
     end do
     do k = 1, size(d%springs)
-      call judge_law(d%springs(k)%at, law_of(d%springs(k)%law), faults)
+      call check_law(d%springs(k)%at, law_of(d%springs(k)%law), faults)
     end do
-  end subroutine judge_laws
+  end subroutine check_laws
 
   !> Reports the first term of a law that is out of range.
-  subroutine judge_law(at, law, faults)
+  subroutine check_law(at, law, faults)
     type(origin), intent(in) :: at
     type(viscoelastic_terms), intent(in) :: law
     type(fault_list), intent(inout) :: faults
@@ -48,10 +49,10 @@ contains
       if (out_of_range(at, 'viscosity of a '//trim(law%words(k))//' term', law%viscosity(k), 's', faults)) return
       if (out_of_range(at, 'inertia of a '//trim(law%words(k))//' term', law%inertia(k), 's2', faults)) return
     end do
-  end subroutine judge_law
+  end subroutine check_law
 
   !> Reports the first value of a body that is out of range. Each value is computed from values that were checked before.
-  subroutine judge_values(d, r, b, faults)
+  subroutine check_values(d, r, b, faults)
     type(deck), intent(in) :: d
     type(body_record), intent(in) :: r
     type(body_model), intent(in) :: b
@@ -92,7 +93,7 @@ contains
       real(wp), intent(in) :: x               !! not negative [unit]
       value_refused = out_of_range(r%at, what, x, unit, faults)
     end function value_refused
-  end subroutine judge_values
+  end subroutine check_values
 
   !> Whether a value is out of range, which is reported.
   logical function out_of_range(at, what, x, unit, faults)
@@ -105,9 +106,12 @@ contains
                                 ', too far from 1 to compute with in double precision; expected 1e-60 to 1e60 (check units)')
   end function out_of_range
 
-  !> Reports what rounding of positions and angles hides: forces whose accelerations are out of range, inertias too small for the
-  !> scene, a time in which rounding alone is as fast as light, and markers that rounding of an angle moves too far.
-  subroutine judge_distances(d, s, faults)
+  !> Reports what rounding of positions and angles would hide:
+  !> - inertias too small for the scene
+  !> - a time in which rounding of positions alone is as fast as light
+  !> - forces whose accelerations are out of range
+  !> - markers that rounding of an angle moves too far.
+  subroutine check_distances(d, s, faults)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: s
     type(fault_list), intent(inout) :: faults
@@ -120,8 +124,8 @@ contains
     end do
     associate (run => d%transient)
       if (run%present .and. epsilon(1.0_wp)*s%size > speed_of_light*run%t_end) &
-        call faults%add(run%at%file, run%at%line, 'transient/t_end', 'in '//to_text(run%t_end)// &
-                        ' s rounding of positions alone would be faster than light; expected a longer time')
+        call faults%add(run%at%file, run%at%line, 'transient/t_end', to_text(run%t_end)//' s is too short: '// &
+                        'rounding of positions in that time would look faster than light; expected a longer time')
     end associate
     do k = 1, size(d%forces)
       associate (f => d%forces(k))
@@ -140,5 +144,5 @@ contains
                     ' m; expected at most 1e10 times as far')
       end associate
     end do
-  end subroutine judge_distances
+  end subroutine check_distances
 end module number_range

@@ -6,6 +6,7 @@ module mode_file
   use mode_list, only: mode_set, undamped_mode
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
+  use sensor, only: vector_to_global
   use text, only: joined
   use text_file, only: result_file
   implicit none (type, external)
@@ -31,8 +32,8 @@ contains
     call file%head('modes about the present state', deck_name, m%s%title)
     call file%line('# kind: 0 undamped mode (at E_R), 1 its vibration with damping, 2 further oscillating pole of GHM, '// &
                    '3 real pole (over-damped)')
-    call file%line('# mode: kind 1 is what it turns into while the damping grows; other poles are listed where the modes asked '// &
-                   'for hold more than half of their motion (by modal masses), with the mode that holds most')
+    call file%line('# mode: of kind 1 the undamped mode from which it follows while the damping grows; of kinds 2 and 3, which '// &
+                   'are listed where the modes asked for have more than half of their motion (by modal masses), the one with most')
     call file%line('# '//modes%note_undamped)
     if (len(modes%note_damped) > 0) call file%line('# '//modes%note_damped)
     call file%line('# poles real + i imag, one of each conjugate pair; damping_ratio -real/|pole|, loss_factor twice that')
@@ -40,7 +41,7 @@ contains
     call file%line('# positions: '//positions())
     call file%line('# columns: '//figures//' '//shape_names())
     do k = 1, modes%count
-      call file%row([real(k, wp), mode_figures(modes, k), shape_row(modes%x(:, k))])
+      call file%row([real(k, wp), mode_figures(modes, k), transfer(displacements(modes%x(:, k)), [0.0_wp])])
     end do
     call file%close()
     failed = file%failed
@@ -71,35 +72,25 @@ contains
       text = joined(names, ' ')
     end function shape_names
 
-    !> Real and imaginary parts of a shape's displacements.
-    pure function shape_row(x) result(row)
-      complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
-      real(wp), allocatable :: row(:)
-      row = transfer(displacements(x), [0.0_wp])
-    end function shape_row
-
     !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.
     pure function displacements(x) result(d)
       complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
       complex(wp), allocatable :: d(:)
-      complex(wp) :: w(2), u(3), largest
-      real(wp) :: rho(2), now(3), weight
+      complex(wp) :: w(2), u(3)
+      real(wp), allocatable :: weight(:)        ! of each displacement: the scene's size for angles [-], [m]
+      real(wp) :: rho(2), now(3)
       real(wp) :: re(size(x)), im(size(x))      ! apart, so that sections of them need no copy
       integer :: b, i, k, j
       re = real(x, wp)
       im = aimag(x)
       allocate (d(sum(3 + 2*m%s%bodies%nn)))
+      allocate (weight(size(d)), source=1.0_wp)
       j = 0
-      largest = 0.0_wp
       do b = 1, size(m%s%bodies)
         i = m%s%qo(b)
-        d(j + 1) = ev%frame%cos(b)*x(i + 1) - ev%frame%sin(b)*x(i + 2)
-        d(j + 2) = ev%frame%sin(b)*x(i + 1) + ev%frame%cos(b)*x(i + 2)
+        d(j + 1:j + 2) = vector_to_global(ev, b, x(i + 1:i + 2))
         d(j + 3) = x(i + 3)
-        do k = 1, 3
-          weight = merge(m%s%size, 1.0_wp, k == 3)
-          if (weight*abs(d(j + k)) > abs(largest)) largest = weight*d(j + k)
-        end do
+        weight(j + 3) = m%s%size
         j = j + 3
         associate (body => m%s%bodies(b))
           do k = 1, body%nn
@@ -107,15 +98,13 @@ contains
             now = body%displacement(k, q(i + 4:i + 3 + body%nf))
             rho = body%x(:, k) + now(1:2)
             w = x(i + 1:i + 2) + u(1:2) + x(i + 3)*[-rho(2), rho(1)]
-            d(j + 1) = ev%frame%cos(b)*w(1) - ev%frame%sin(b)*w(2)
-            d(j + 2) = ev%frame%sin(b)*w(1) + ev%frame%cos(b)*w(2)
-            if (abs(d(j + 1)) > abs(largest)) largest = d(j + 1)
-            if (abs(d(j + 2)) > abs(largest)) largest = d(j + 2)
+            d(j + 1:j + 2) = vector_to_global(ev, b, w)
             j = j + 2
           end do
         end associate
       end do
-      if (abs(largest) > 0.0_wp) d = d/largest
+      k = maxloc(weight*abs(d), 1)
+      if (abs(d(k)) > 0.0_wp) d = d/(weight(k)*d(k))
     end function displacements
   end subroutine write_modes
 

@@ -24,7 +24,7 @@ contains
     class(progress_line), intent(inout) :: self
     logical, intent(in) :: quiet
     self%shown = .not. quiet
-    if (self%shown) self%shown = is_terminal(2)
+    if (self%shown) self%shown = is_terminal(standard_error)
     call system_clock(self%start, self%rate)
     self%last = self%start
   end subroutine begin

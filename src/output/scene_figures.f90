@@ -20,6 +20,7 @@ contains
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)               !! (nq) assembled positions [m], [rad]
     type(summary_record), intent(inout) :: text
+    character(:), allocatable :: friction
     integer :: k
     call text%open('scene', '{')
     call text%member('size', json_number(m%s%size))
@@ -32,22 +33,20 @@ contains
     call text%open('joints', '[')
     do k = 1, size(d%joints)
       associate (r => d%joints(k))
-        if (max(r%friction, r%friction_static, r%preload) > 0.0_wp) then
-          call pair(r%name, r%type, r%a, r%b, r%direction, ', "friction": '//json_number(r%friction))
-        else
-          call pair(r%name, r%type, r%a, r%b, r%direction)
-        end if
+        friction = ''
+        if (max(r%friction, r%friction_static, r%preload) > 0.0_wp) friction = ', "friction": '//json_number(r%friction)
+        call pair(r%name, r%type, r%a, r%b, r%direction, friction)
       end associate
     end do
     call text%close()
     call text%open('drives', '[')
     do k = 1, size(d%drives)
-      call pair(d%drives(k)%name, d%drives(k)%type, d%drives(k)%a, d%drives(k)%b, d%drives(k)%direction)
+      call pair(d%drives(k)%name, d%drives(k)%type, d%drives(k)%a, d%drives(k)%b, d%drives(k)%direction, '')
     end do
     call text%close()
     call text%open('springs', '[')
     do k = 1, size(d%springs)
-      call pair(d%springs(k)%name, d%springs(k)%type, d%springs(k)%a, d%springs(k)%b, 0.0_wp)
+      call pair(d%springs(k)%name, d%springs(k)%type, d%springs(k)%a, d%springs(k)%b, 0.0_wp, '')
     end do
     call text%close()
     call text%open('stops', '[')
@@ -103,13 +102,10 @@ contains
       character(*), intent(in) :: name, kind
       type(marker_record), intent(in) :: a, b
       real(wp), intent(in) :: direction        !! from the section of b [rad]
-      character(*), intent(in), optional :: rest   !! further members
-      character(:), allocatable :: members
-      members = ''
-      if (present(rest)) members = rest
+      character(*), intent(in) :: rest        !! further members
       associate (at_b => pose(b))
         call text%member('', item(name, kind)//', "a": '//marker(a)//', "b": '//marker(b)//', "direction": '// &
-                         json_number(direction + at_b(3))//members//'}')
+                         json_number(direction + at_b(3))//rest//'}')
       end associate
     end subroutine pair
 

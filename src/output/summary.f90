@@ -9,7 +9,7 @@ module summary
   use posix, only: tell
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
-  use text, only: es_text, to_text
+  use text, only: es_text, joined, to_text
   implicit none (type, external)
   private
   public :: model_lines, model_warnings, version, add_warnings, tell_warnings
@@ -37,7 +37,7 @@ contains
     do while (from <= len(warnings))
       to = from + index(warnings(from:), new_line('a')) - 2
       if (text%silent) then
-        call text%untold%add(path//': '//warnings(from:to)//new_line('a'))
+        call text%held_back%add(path//': '//warnings(from:to)//new_line('a'))
       else
         call tell(path//': '//warnings(from:to))
       end if
@@ -54,8 +54,7 @@ contains
     type(summary_record), intent(inout) :: text
     integer :: k
     call text%member('version', json_text(version))
-    call text%figure('deck: ', 'deck', d%name)
-    call text%line('')
+    call text%figure('deck: ', 'deck', d%name, '')
     if (len(d%scene%title) > 0) call text%line('title: '//one_line(d%scene%title))
     call text%member('title', json_text(d%scene%title))
     if (size(d%parameters) > 0) then
@@ -75,8 +74,7 @@ contains
     call text%close()
     call text%figure('  coordinates: ', 'frame_coordinates', 3*size(m%s%bodies))
     call text%figure(' of frames + ', 'elastic_coordinates', m%s%nq - 3*size(m%s%bodies))
-    call text%figure(' elastic = ', 'coordinates', m%s%nq)
-    call text%line('')
+    call text%figure(' elastic = ', 'coordinates', m%s%nq, '')
     associate (terms => m%s%nz - sum(m%s%controllers%states))
       call text%figure('  dissipative coordinates: ', 'dissipative_coordinates', terms)
       if (m%s%nzd < terms) call text%figure(', of first order: ', 'dissipative_coordinates_of_first_order', terms - m%s%nzd)
@@ -84,10 +82,8 @@ contains
     call text%line('')
     if (size(m%s%controllers) > 0) call control_lines(m, text)
     call text%figure('  constraints (multipliers): ', 'constraints', m%s%permanent_rows)
-    call text%figure(', independent at the start: ', 'independent_constraints', report%rank)
-    call text%line('')
-    call text%figure('  degrees of freedom: ', 'degrees_of_freedom', report%freedoms)
-    call text%line('')
+    call text%figure(', independent at the start: ', 'independent_constraints', report%rank, '')
+    call text%figure('  degrees of freedom: ', 'degrees_of_freedom', report%freedoms, '')
     call redundancy()
     call frame_notes(m, text)
     do k = 1, size(report%warnings)
@@ -145,8 +141,8 @@ contains
     !> Names the joints of redundant sets.
     subroutine redundancy()
       if (report%rank == m%s%permanent_rows) return
-      call text%figure('  redundant constraints: ', 'redundant_constraints', m%s%permanent_rows - report%rank)
-      call text%line(' at the start, among'//undetermined(m, report, size(report%dependent)))
+      call text%figure('  redundant constraints: ', 'redundant_constraints', m%s%permanent_rows - report%rank, &
+                       ' at the start, among'//undetermined(m, report, size(report%dependent)))
     end subroutine redundancy
   end subroutine model_lines
 
@@ -156,8 +152,7 @@ contains
     type(summary_record), intent(inout) :: text
     integer :: k
     call text%figure('  controllers: ', 'controllers', size(m%s%controllers))
-    call text%figure(', their states: ', 'controller_states', sum(m%s%controllers%states))
-    call text%line('')
+    call text%figure(', their states: ', 'controller_states', sum(m%s%controllers%states), '')
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k))
         if (.not. c%delay > 0.0_wp) cycle
@@ -207,20 +202,11 @@ contains
     type(assembly_report), intent(in) :: report
     integer, intent(in) :: most                      !! joints that are named
     character(:), allocatable :: text
-    character(32) :: name
-    integer :: k, length, named
-    allocate (character(min(count(report%dependent), most)*(len(name) + 3)) :: text)
-    length = 0
-    named = 0
-    do k = 1, size(m%s%constraints)
-      if (.not. report%dependent(k) .or. named == most) cycle
-      named = named + 1
-      name = m%s%constraints(k)%item%name
-      text(length + 1:length + len_trim(name) + 3) = ' "'//trim(name)//'"'
-      length = length + len_trim(name) + 3
-    end do
-    text = text(:length)
-    if (count(report%dependent) > most) text = text//' and '//to_text(count(report%dependent) - most)//' more'
+    character(32), allocatable :: names(:)
+    integer :: k
+    names = pack([(m%s%constraints(k)%item%name, k=1, size(m%s%constraints))], report%dependent)
+    text = ' "'//joined(names(:min(most, size(names))), '" "')//'"'
+    if (size(names) > most) text = text//' and '//to_text(size(names) - most)//' more'
     text = text//'; the reactions of these joints are not determined by rigid-body mechanics (minimum-norm values are reported)'
   end function undetermined
 

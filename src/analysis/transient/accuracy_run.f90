@@ -70,7 +70,7 @@ contains
     if (march%search%delivered > 0) then
       if (march%search%over .and. fail%status == status_failed) fail = failure()
       call text%append(march%search%found)
-      ok = write_bytes(standard_error, march%search%found%untold%all())
+      ok = write_bytes(standard_error, march%search%found%held_back%all())
     else
       call transient_lines(run, march, fail%status, text)
     end if
