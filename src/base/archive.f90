@@ -33,7 +33,7 @@ contains
     if (.not. allocated(self%words)) allocate (self%words(256))
   end subroutine begin_saving
 
-  !> An archive to be emptied.
+  !> An archive from which values are restored.
   subroutine begin_restoring(self, words)
     class(value_archive), intent(inout) :: self
     integer(ip), intent(in) :: words(:)

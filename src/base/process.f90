@@ -1,4 +1,4 @@
-!> Signals, the three standard streams, decks in processes of their own, and the end of memory. However a run ends, it says why.
+!> The process: its standard streams, signals, the end of memory, and children that run decks. However a run ends, it says why.
 !> A lock that a killed process leaves behind no longer locks.
 module process
   use errors, only: status_failed, status_signal

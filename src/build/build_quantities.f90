@@ -1,12 +1,12 @@
-!> Quantities of motion of the model from the sensors of the deck that show them: the factory of their kinds.
+!> What sensors of the deck show, in terms of the model: quantities of motion, of each its kind, and sources of power.
 module build_quantities
   use build_markers, only: elastic_marker, find_marker, marker_table
   use deck_records, only: deck, marker_record, sensor_record
   use quantity, only: difference_quantity, distance_quantity, elastic_quantity, quantity_model
-  use scene_model, only: scene
+  use scene_model, only: power_source, scene
   implicit none (type, external)
   private
-  public :: make_quantity
+  public :: friction_of, list_integrated, make_quantity, source_of
 
 contains
 
@@ -53,4 +53,41 @@ contains
     end if
     item%ib = find_marker(s, markers, b)
   end subroutine make_quantity
+
+  !> Sources whose powers are integrated, in the deck's order of their sensors.
+  subroutine list_integrated(d, s)
+    type(deck), intent(in) :: d
+    type(scene), intent(inout) :: s              !! its constraints and force elements are made
+    integer :: k, n
+    allocate (s%integrated(count(d%sensors%quantity == 'work' .or. d%sensors%quantity == 'energy')))
+    n = 0
+    do k = 1, size(d%sensors)
+      if (.not. any(d%sensors(k)%quantity == [character(6) :: 'work', 'energy'])) cycle
+      n = n + 1
+      s%integrated(n) = source_of(s, d%sensors(k))
+      s%integrated(n)%sensor = k
+    end do
+  end subroutine list_integrated
+
+  !> The drive, force, spring, joint or body that a sensor names.
+  pure type(power_source) function source_of(s, r) result(source)
+    type(scene), intent(in) :: s
+    type(sensor_record), intent(in) :: r
+    source%body = r%marker%body
+    if (r%force > 0) source%element = s%springs + r%force
+    if (r%spring > 0) source%element = r%spring
+    if (r%drive > 0) source%drive = s%joints + r%drive
+    if (r%joint > 0) source%joint = [r%joint, friction_of(s, r%joint)]
+  end function source_of
+
+  !> The constraint that is a joint's friction; none where it has none.
+  pure function friction_of(s, joint) result(row)
+    type(scene), intent(in) :: s
+    integer, intent(in) :: joint                 !! its number, 0: no joint
+    integer, allocatable :: row(:)
+    integer :: k
+    row = [(s%permanent + k, k=1, size(s%friction))]
+    row = pack(row, [(s%constraints(row(k))%item%parent == joint, k=1, size(row))])
+    if (joint == 0) row = row(:0)
+  end function friction_of
 end module build_quantities

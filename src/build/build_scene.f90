@@ -7,8 +7,7 @@ module build_scene
   use build_constraints, only: make_constraints, place_friction
   use build_controllers, only: make_controllers, place_controllers
   use build_loads, only: make_forces, place_stop_rows
-  use build_power_sources, only: list_integrated
-  use build_quantities, only: make_quantity
+  use build_quantities, only: list_integrated, make_quantity
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use sorting, only: sort_by_number
   use deck_records, only: deck

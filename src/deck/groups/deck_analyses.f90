@@ -134,40 +134,40 @@ contains
       real(wp), parameter :: slack = 1.0_wp + 1.0e-9_wp   !! rounding of written numbers [-]
       logical :: stepped
       stepped = deck%is_set('step') .and. .not. t%adaptive
-      call ordered('output_step', t%output_step, 't_end', t%t_end*slack)
+      call check_not_longer('output_step', t%output_step, 't_end', t%t_end*slack)
       if (stepped .and. deck%is_set('output_step')) then
-        call ordered('step', t%step, 'output_step', t%output_step*slack)
+        call check_not_longer('step', t%step, 'output_step', t%output_step*slack)
       else if (stepped) then
-        call ordered('step', t%step, 't_end', t%t_end*slack)
+        call check_not_longer('step', t%step, 't_end', t%t_end*slack)
       end if
       if (t%adaptive) then
-        call ordered('first_step', t%first_step, 'max_step', t%max_step*slack)
-        call ordered('first_step', t%first_step, 't_end', t%t_end*slack)
+        call check_not_longer('first_step', t%first_step, 'max_step', t%max_step*slack)
+        call check_not_longer('first_step', t%first_step, 't_end', t%t_end*slack)
       end if
       if (.not. deck%is_given('output_step')) t%output_step = merge(t%t_end/1000.0_wp, t%step, t%adaptive)
-      if (stepped) call countable('step', t%step, 't_end', t%t_end)
-      if (deck%is_set('output_step')) call countable('output_step', t%output_step, 't_end', t%t_end)
-      call countable('output_step', t%output_step, 'motion_step', t%motion_step)
+      if (stepped) call check_countable('step', t%step, 't_end', t%t_end)
+      if (deck%is_set('output_step')) call check_countable('output_step', t%output_step, 't_end', t%t_end)
+      call check_countable('output_step', t%output_step, 'motion_step', t%motion_step)
     end subroutine check_steps
 
     !> Reports an interval that holds more steps than can be counted.
-    subroutine countable(name, time, other, interval)
+    subroutine check_countable(name, time, other, interval)
       character(*), intent(in) :: name, other   !! the variables of step and interval
       real(wp), intent(in) :: time, interval    !! their values [s]
       if (.not. (deck%is_set(other) .and. time > 0.0_wp) .or. interval <= most_counted*time) return
       call deck%complain(other, other//'='//to_text(interval)//' is '//to_text(interval/time)//' times '//name//'='// &
         to_text(time)//', expected at most '//to_text(most_counted)//' times, as many as can be counted')
-    end subroutine countable
+    end subroutine check_countable
 
     !> Reports a time that is longer than another one.
-    subroutine ordered(name, time, other, limit)
+    subroutine check_not_longer(name, time, other, limit)
       character(*), intent(in) :: name, other   !! the two variables
       real(wp), intent(in) :: time              !! the first one's value [s]
       real(wp), intent(in) :: limit             !! the other one's value with some slack [s]
       if (.not. (deck%is_set(name) .and. deck%is_set(other)) .or. time <= limit) return
       call deck%complain(name, name//'='//to_text(time)//' is larger than '//other//'='//to_text(limit)//', expected '// &
         name//' <= '//other)
-    end subroutine ordered
+    end subroutine check_not_longer
 
     !> How drift off the constraints is kept small; the default rates of Baumgarte's terms.
     subroutine read_stabilization()
@@ -181,12 +181,12 @@ contains
       call get(deck, 'baumgarte_alpha', t%baumgarte_alpha, least=0.0_wp)
       call get(deck, 'baumgarte_beta', t%baumgarte_beta, least=0.0_wp)
       baumgarte = t%stabilization == 'baumgarte' .and. .not. (implicit .or. searched)
-      call rate('baumgarte_alpha', t%baumgarte_alpha, baumgarte)
-      call rate('baumgarte_beta', t%baumgarte_beta, baumgarte)
+      call fill_rate('baumgarte_alpha', t%baumgarte_alpha, baumgarte)
+      call fill_rate('baumgarte_beta', t%baumgarte_beta, baumgarte)
     end subroutine read_stabilization
 
     !> Default 0.1/step of a rate of Baumgarte's terms; adaptive steps have none.
-    subroutine rate(name, value, baumgarte)
+    subroutine fill_rate(name, value, baumgarte)
       character(*), intent(in) :: name             !! variable
       real(wp), intent(inout) :: value             !! [1/s]
       logical, intent(in) :: baumgarte             !! whether the terms are used
@@ -197,6 +197,6 @@ contains
         if (t%adaptive) call deck%note_missing(name, name//' >= 0 (adaptive steps have no default)')
         if (.not. t%adaptive .and. t%step > 0.0_wp .and. t%output_step > 0.0_wp) value = 0.1_wp/actual_step(t%output_step, t%step)
       end if
-    end subroutine rate
+    end subroutine fill_rate
   end subroutine read_transient
 end module deck_analyses

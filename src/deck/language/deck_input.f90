@@ -1,5 +1,5 @@
 !> The group of a deck that is being read: which variables it gives, which of them were asked for, and every fault.
-!> A reader declares a variable by asking for it (modules deck_get, deck_lists, deck_words). A variable that no reader asked for
+!> A reader declares a variable by asking for it (modules deck_get, deck_words). A variable that no reader asked for
 !> is unknown; one that is asked for under another kind does not apply. Faults of one cause are reported once.
 module deck_input
   use kinds, only: wp

@@ -154,7 +154,7 @@ contains
         call compute(p(k)%text, p(k)%file, p(k)%value, needed, problem, good)
         if (needed == 0) then
           p(k)%state = known
-          if (.not. good) call spoil(k)
+          if (.not. good) call mark_faulty(k)
           if (len(problem) > 0) call complain(p(k)%source, p(k)%line, p(k)%shown, problem)
           depth = depth - 1
         else if (p(needed)%state == untouched) then
@@ -165,7 +165,7 @@ contains
           chain = ''
           do while (depth >= j)
             chain = ', '//name_of(stack(depth))//chain
-            call spoil(stack(depth))
+            call mark_faulty(stack(depth))
             depth = depth - 1
           end do
           if (p(needed)%source > 0) call deck%open(p(needed)%source)
@@ -176,11 +176,11 @@ contains
     end subroutine resolve
 
     !> Notes that a parameter has no value, for a reason that is reported.
-    subroutine spoil(k)
+    subroutine mark_faulty(k)
       integer, intent(in) :: k                !! number of the parameter
       p(k)%state = faulty
       if (p(k)%source == p(k)%group) deck%parts%values(p(k)%token)%form = bad_value
-    end subroutine spoil
+    end subroutine mark_faulty
 
     !> Name of a parameter as its group gives it, with the prefix of its part.
     function name_of(k) result(name)

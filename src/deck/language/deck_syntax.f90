@@ -21,7 +21,7 @@ module deck_syntax
 
   integer, parameter, public :: unknown = 0, elsewhere = 1, taken = 2, usable = 3   !! what became of an assignment
 
-  integer, parameter :: hashes = 4096   !! by which files are found
+  integer, parameter :: hashes = 4096   !! size of the hash table of files
 
   !> One value of an assignment.
   type, public :: value_token

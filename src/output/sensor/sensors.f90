@@ -4,8 +4,7 @@ module sensors
   use kinds, only: wp
   use acceleration_sensor, only: acceleration_sensor_model
   use build_markers, only: begin_markers, find_marker, marker_table
-  use build_power_sources, only: friction_of, source_of
-  use build_quantities, only: make_quantity
+  use build_quantities, only: friction_of, make_quantity, source_of
   use controller_sensor, only: controller_sensor_model
   use deck_records, only: deck, sensor_record
   use dynamics, only: one_marker
