@@ -2,6 +2,7 @@
 !> then each body's mesh made coarser as far as that allows. The deck then has plain numbers.
 module mesh_choice
   use kinds, only: wp, ip
+  use accuracy_words, only: least_part
   use deck_geometry, only: removed_coordinates
   use deck_mesh, only: set_mesh
   use deck_records, only: body_record, deck
@@ -194,6 +195,7 @@ contains
       else
         words = words//' on meshes that no finer one betters'
       end if
+      if (.not. good .and. allocated(error)) good = worst(error) <= 1 - least_part   ! more than its share, but steps get the rest
       if (.not. (good .or. lost%status > status_signal)) call add_warnings(text, d%path, 'warning: elements=''auto'': '// &
         words//new_line('a'))
       call text%figure('  cost of ', 'mesh_pilots', pilots%count)

@@ -2,6 +2,7 @@
 !> beside one in nodal coordinates. The deck then has plain numbers, and all that follows sees an ordinary deck.
 module model_choice
   use kinds, only: wp, pi, ip
+  use accuracy_words, only: least_part
   use build_scene, only: build
   use deck_mesh, only: halve_elements
   use deck_records, only: deck
@@ -31,9 +32,7 @@ contains
   subroutine choose_model(run, fail)
     type(run_state), intent(inout) :: run
     type(failure), intent(inout) :: fail
-    type(run_state) :: settled
     type(fault_list) :: faults
-    real(wp), allocatable :: error(:)                ! [of the columns]
     logical :: meshed, reduced
     meshed = any(run%d%bodies%auto_elements)
     reduced = any(run%d%bodies%auto_modes)
@@ -46,9 +45,7 @@ contains
       associate (text => run%model_words)
         call text%open('reduction', '{')
         if (meshed) call choose_elements(run%d, run%began, run%model_error, text)
-        if (reduced) call choose_modes(run%d, run%began, error, text)
-        if (allocated(error) .and. allocated(run%model_error)) error = error + run%model_error
-        if (allocated(error)) run%model_error = error
+        if (reduced) call choose_modes(run%d, run%began, run%model_error, text)
         if (run%d%transient%check_reduction) call check_model(run, take_meshes(run%d), 'left-out modes, beside nodal coordinates', &
                                                               'errors', 'cost', 1.0_wp, text)
         if (run%d%transient%check_mesh) call check_model(run, halved(run%d), 'meshes, beside elements of half the length', &
@@ -59,18 +56,7 @@ contains
     if (caught_signal() > 0) call fail%raise(status_signal + caught_signal(), 'stopped by signal '//to_text(caught_signal())// &
       ' in a pilot, before the run: no file was written or changed; run the deck again')
     call hold_signals(.false.)
-    if (fail%happened() .or. .not. (meshed .or. reduced)) return
-    settled%d = run%d
-    settled%model_found = .true.
-    if (allocated(run%model_error)) settled%model_error = run%model_error
-    settled%model_words = run%model_words
-    settled%saved = run%saved
-    settled%folder = run%folder
-    settled%quiet = run%quiet
-    settled%restart = run%restart
-    settled%began = run%began
-    call prepare_run(settled, faults, fail)
-    if (.not. fail%happened()) run = settled
+    if ((meshed .or. reduced) .and. .not. fail%happened()) call prepare_run(run, faults, fail)
   end subroutine choose_model
 
   !> A deck in nodal coordinates.
@@ -121,7 +107,7 @@ contains
   subroutine choose_modes(d, began, error, text)
     type(deck), intent(inout) :: d
     integer(ip), intent(in) :: began                 !! count of the clock
-    real(wp), allocatable, intent(out) :: error(:)   !! [of the columns]
+    real(wp), allocatable, intent(inout) :: error(:) !! of meshes; receives that of modes as well [of the columns]
     type(summary_record), intent(inout) :: text
     type(pilot_series) :: pilots
     type(pilot_result) :: reference, kept, missed
@@ -146,8 +132,9 @@ contains
     end do
     good = high < size(body)                         ! else nodal coordinates cost less
     call tell()
-    if (good) error = kept%error
     if (good) d = with_modes(high)
+    if (good .and. allocated(error)) error = error + kept%error
+    if (good .and. .not. allocated(error)) error = kept%error
   contains
     !> The deck with the lowest modes of all bodies together, beyond the first one of each.
     function with_modes(level) result(x)
@@ -160,6 +147,15 @@ contains
       end do
     end function with_modes
 
+    !> What left-out modes may take: their share, or what meshes and steps leave where that is less.
+    pure function allowed(asked) result(part)
+      real(wp), intent(in) :: asked(:)               !! (columns) [of the column]
+      real(wp) :: part(size(asked))                  !! [of the column]
+      part = modes_share*asked
+      if (.not. allocated(error)) return
+      where (error <= (1 - least_part)*asked) part = min(part, (1 - least_part)*asked - error)
+    end function allowed
+
     !> Whether the lowest modes keep the errors small enough; a pilot that is lost says no.
     subroutine judge_level()
       type(pilot_result) :: found
@@ -168,7 +164,7 @@ contains
       call pilots%run(trial, found, no_end, reference)
       if (pilots%over) lost = no_end
       good = .not. no_end%happened()
-      if (good) good = all(found%error <= modes_share*found%asked)
+      if (good) good = all(found%error <= allowed(found%asked))
       if (good) kept = found
       if (.not. good .and. .not. no_end%happened()) missed = found
     end subroutine judge_level

@@ -89,15 +89,21 @@ contains
     if (faults%count == 0) call assemble_run(run, s, fail)
   end subroutine prepare_run
 
-  !> Assembles a scene that is built.
+  !> Assembles a scene that is built, in place of what the run has had.
   subroutine assemble_run(run, s, fail)
     type(run_state), intent(inout) :: run     !! run%d is set
     type(scene), intent(in) :: s
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: q(:), v(:)       !! (nq) [m, rad] and per second
+    type(mechanism_system) :: sys
+    type(assembly_report) :: assembly
+    type(sensor_list) :: list
+    run%sys = sys
+    run%assembly = assembly
+    run%list = list
     call set_up_mechanism(run%sys%m, run%sys%ev, s)
     run%sys%n = s%ny
-    allocate (run%y(s%ny), source=0.0_wp)
+    run%y = spread(0.0_wp, 1, s%ny)
     allocate (q(s%nq), v(s%nq))
     call assemble(run%sys%m, run%sys%ev, q, v, run%assembly, fail)
     if (run%assembly%open) call explain_open_joints(run%d, fail)

@@ -18,7 +18,7 @@ module accuracy_words
 
   real(wp), parameter :: noticed = 1.0e-2_wp           !! error of a column, of its range [-]
   real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
-  real(wp), parameter :: least_part = 0.25_wp          !! of an error that is left to steps beside that of the model [-]
+  real(wp), parameter, public :: least_part = 0.25_wp  !! of an error that is left to steps beside that of the model [-]
   real(wp), parameter :: converging = 0.5_wp           !! residual of the second run, of the first one's, at most [-]
 
 contains
