@@ -5,6 +5,7 @@ A stand-in for the solver obeys its deck, which is a script of the shell.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from biela import deck_runs
 from biela.deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
+from conftest import TIMEOUT, wait_for
 
 ENDLESS = "sleep 600\n"
 GOOD = """mkdir out
@@ -23,11 +25,17 @@ printf '{"timing": {"processor_seconds": 0.5}, "transient": {"steps": 3}, "model
 
 
 @pytest.fixture
-def runner(tmp_path):
-    """Return a runner whose solver obeys its decks."""
+def program(tmp_path):
+    """Return a solver that obeys its decks."""
     program = tmp_path / "solver"
     program.write_text("#!/bin/sh\n. ./deck.nml\n")
     program.chmod(0o755)
+    return program
+
+
+@pytest.fixture
+def runner(program, tmp_path):
+    """Return a runner of that solver."""
     return Runner(program, tmp_path / "kept", 2)
 
 
@@ -207,3 +215,20 @@ def test_the_place_of_a_run_is_its_own_and_goes(runner, tmp_path):
     where = Path((tmp_path / "where").read_text().strip())
     assert where.parent == runner.folder
     assert not where.exists()
+
+
+def test_solvers_end_with_a_study_that_is_killed(program, tmp_path):
+    deck = "trap 'touch ../../ended; exit' TERM\ntouch ../../begun\nwhile :; do sleep 0.02; done\n"
+    words = "import sys; from pathlib import Path; from biela.deck_runs import Runner; "
+    words += "Runner(Path(sys.argv[1]), Path('kept')).one(sys.argv[2])"
+    post = Path(deck_runs.__file__).parents[1]
+    study = subprocess.Popen(
+        [sys.executable, "-c", words, program, deck], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(post)}
+    )
+    wait_for(tmp_path / "begun", study)
+    study.kill()
+    study.wait()
+    until = time.monotonic() + 0.02 * TIMEOUT
+    while not (tmp_path / "ended").exists() and time.monotonic() < until:
+        time.sleep(0.02)
+    assert (tmp_path / "ended").exists()
