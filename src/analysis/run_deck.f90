@@ -228,7 +228,8 @@ contains
       if (rate <= 0.0_wp) return
       call text%figure('    on the line of "'//name//'", which turns at ', 'line_rate', rate, 4)
       call text%figure(' rad/s, with steps up to ', 'line_step', line_turn/rate, 4)
-      call text%line(' s ('//to_text(line_turn)//' rad a step; known for one mass on its line)')
+      call text%line(' s ('//to_text(line_turn)//' rad a step; known for one mass that only slides: where masses share the line'// &
+                     ' or swing on it, smaller steps may be needed: compare with radau)')
       if (t%adaptive .or. fixed_step_of(run)*rate <= line_turn) return
       call add_warnings(text, t%at%file//':'//to_text(t%at%line), 'warning: transient/step: the line of "'//name//'" turns by '// &
                         adjustl(es_text(fixed_step_of(run)*rate, 3))//' rad in a step of '//to_text(fixed_step_of(run))// &
