@@ -116,14 +116,18 @@ contains
     integer(int64), intent(in) :: digits
     integer, intent(in) :: e
     character(number_width), intent(out) :: text
-    integer(int64) :: rest
-    integer :: k
-    rest = digits
-    do k = 19, 5, -2
-      text(k:k + 1) = pairs(mod(rest, 100_int64))
-      rest = rest/100
+    integer :: left, right, k                                ! of 9 and 8 digits: 64-bit divisions would cost more
+    left = int(digits/10_int64**8)
+    right = int(digits - left*10_int64**8)
+    do k = 11, 5, -2
+      text(k:k + 1) = pairs(mod(left, 100))
+      text(k + 8:k + 9) = pairs(mod(right, 100))
+      left = left/100
+      right = right/100
     end do
-    text(1:4) = '  '//achar(iachar('0') + int(rest))//'.'
+    text(1:2) = '  '
+    text(3:3) = achar(iachar('0') + left)
+    text(4:4) = '.'
     text(21:22) = merge('E-', 'E+', e < 0)
     text(23:23) = achar(iachar('0') + abs(e)/100)
     text(24:25) = pairs(mod(abs(e), 100))

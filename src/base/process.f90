@@ -150,7 +150,7 @@ contains
     integer, intent(in) :: handle                          !! of the open file
     integer(c_int) :: status
     type(c_funptr) :: old
-    integer :: k, starter
+    integer :: starter
     starter = c_getpid()
     child = c_fork()
     if (child == 0) then
@@ -162,10 +162,7 @@ contains
       status = c_dup2(handle, standard_output)
       status = c_dup2(handle, standard_error)
     else if (child > 0) then
-      do k = 1, most_children
-        if (children(k) == 0) exit
-      end do
-      children(k) = child
+      children(findloc(children, 0, 1)) = child
       if (received > 0) status = c_kill(child, received)   ! caught before the child stood in the list
     end if
   end function start_child

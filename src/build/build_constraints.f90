@@ -14,7 +14,7 @@ module build_constraints
   use pin_joint, only: pin_model
   use rotation_drive, only: rotation_model
   use scene_model, only: scene
-  use text, only: es_text
+  use text, only: short_text
   implicit none (type, external)
   private
   public :: make_constraints, place_friction
@@ -125,7 +125,7 @@ contains
       do k = 1, min(size(breakpoints), jumps_shown)
         call r%at%blame(faults, 'history "'//trim(h%name)//'" has a jump'// &
                         trim(merge(' of slope', '         ', breakpoints(k)%order == 1))//' at t = '// &
-                        trim(adjustl(es_text(breakpoints(k)%time, 5)))//' s, which no mechanism can follow; expected a '// &
+                        short_text(breakpoints(k)%time, 5)//' s, which no mechanism can follow; expected a '// &
                         'history with continuous '//trim(merge('values         ', 'value and slope', r%rate))//remedy)
       end do
     end subroutine check_smooth

@@ -11,7 +11,7 @@ module build_controllers
 
 contains
 
-  !> Their laws; what they sense has no place yet.
+  !> Their laws; `place_controllers` adds what they sense.
   subroutine make_controllers(d, s)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
@@ -35,7 +35,7 @@ contains
     end do
   end subroutine make_controllers
 
-  !> What they and the forces that obey them sense, between markers of the scene.
+  !> The quantities that they sense, between markers of the scene. A force with a controller watches the same quantity.
   subroutine place_controllers(d, s, markers)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s              !! its bodies are set up

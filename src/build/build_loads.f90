@@ -74,7 +74,7 @@ contains
     call place_stop_rows(s)
   end subroutine add_stop_rows
 
-  !> Gives those rows the stops, again when these have their markers.
+  !> Gives these rows their stops; called again when the stops have markers.
   subroutine place_stop_rows(s)
     type(scene), intent(inout) :: s
     integer :: k
@@ -182,8 +182,8 @@ contains
       'may not, expected a steep rise instead (kind=''ramp'', ''cycloid'' or ''table'')')
   end subroutine require_continuous
 
-  !> Jumps of a function of motion, by the derivative that jumps, that are events: those of its slope, and with fixed steps those
-  !> that lower the order p of the method: a jump of derivative k costs an error of order k + 1.
+  !> The highest derivative of a function of motion whose jumps are events. With fixed steps those are events, too, that lower
+  !> the order of the method: a jump of derivative k causes an error of order k + 1.
   pure integer function order_of_events(r) result(order)
     type(transient_record), intent(in) :: r
     order = 1

@@ -64,8 +64,8 @@ contains
     markers%head(r%body) = k
   end function find_marker
 
-  !> Index of a new marker at the origin of a body, which its node's u, v or rotation, or an elastic coordinate, displaces along x
-  !> of the body: what `elastic_quantity` measures. On a rigid body it stays there.
+  !> Index of a new marker that shows an elastic motion (`elastic_quantity`): from the origin of its body it moves along x of the
+  !> body by u, v or rotation of a node, or by one elastic coordinate. On a rigid body it stays there.
   integer function elastic_marker(s, markers, body, node, number) result(k)
     type(scene), intent(in) :: s
     type(marker_table), intent(inout) :: markers
@@ -105,9 +105,8 @@ contains
     markers%next(k) = 0
   end function add_marker
 
-  !> The scene's size S: the largest distance between two markers, nodes or mass centres of one body, or between two
-  !> markers on the ground. Frames on which drives, torques and torsional springs act are not markers, and
-  !> what sensors measure does not count: errors are small against S, and a point far away would spoil the motion.
+  !> The scene's size S: the largest distance between two markers, nodes or mass centres of one body, or between two markers on
+  !> the ground. Errors are small against S. So points count only where forces act, not where moments or sensors are.
   function scene_size(s, acting) result(size_s)
     type(scene), intent(in) :: s
     type(acting_marker), intent(in) :: acting(:, :)

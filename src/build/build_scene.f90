@@ -116,8 +116,8 @@ contains
     end do
   end subroutine number_unknowns
 
-  !> Numbers internal variables: those of second order, bodies then force elements, and those of first order in the same way, then
-  !> the states of controllers; the length of the state follows.
+  !> Numbers the internal variables, from which the length of the state follows: those of second order of bodies, then of force
+  !> elements; those of first order likewise; the states of controllers.
   pure subroutine number_internal(s)
     type(scene), intent(inout) :: s
     integer :: k, r, pass

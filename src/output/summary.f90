@@ -9,7 +9,7 @@ module summary
   use posix, only: tell
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
-  use text, only: es_text, joined, to_text
+  use text, only: joined, short_text, to_text
   implicit none (type, external)
   private
   public :: model_lines, model_warnings, version, add_warnings, tell_warnings
@@ -157,7 +157,7 @@ contains
       associate (c => m%s%controllers(k))
         if (.not. c%delay > 0.0_wp) cycle
         call text%line('  note: the delay of controller "'//trim(c%name)//'" is its Pade approximation of order 3, whose phase '// &
-                       'errs by 5 degrees at '//trim(adjustl(es_text(delay_limit(c%delay), 4)))//' Hz and by more above')
+                       'errs by 5 degrees at '//short_text(delay_limit(c%delay), 4)//' Hz and by more above')
       end associate
     end do
   end subroutine control_lines

@@ -63,7 +63,6 @@ contains
     subroutine read_frame()
       integer, allocatable :: pairs(:)
       call get_list(deck, 'element_nodes', pairs, required, kinds='frame')
-      allocate (b%element_nodes(2, size(pairs)/2))
       b%element_nodes = reshape(pairs(1:size(pairs)/2*2), [2, size(pairs)/2])
       if (.not. deck%is_choice('frame')) return
       if (deck%is_set('element_nodes')) then

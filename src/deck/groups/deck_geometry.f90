@@ -63,7 +63,6 @@ contains
     subroutine check_connected()
       integer, allocatable :: parent(:)
       integer :: k, i, j
-      allocate (parent(b%nodes))
       parent = [(k, k=1, b%nodes)]
       do k = 1, b%elements
         call find_root(parent, b%element_nodes(1, k), i)
@@ -143,8 +142,7 @@ contains
       end do
       call report_rest(deck, 'reference_node', faulty)
       if (deck%faults%count > before .or. size(b%reference_node) /= size(b%reference_dof)) return
-      allocate (removed(3, b%nodes))
-      removed = .false.
+      allocate (removed(3, b%nodes), source=.false.)
       do k = 1, size(b%reference_node)
         dof = index('uvr', b%reference_dof(k))
         if (removed(dof, b%reference_node(k))) then

@@ -90,12 +90,10 @@ contains
     logical :: given(size(names)), good(size(names))
     character(12) :: numbers(size(names))
     integer :: k
+    given = [(deck%is_given(trim(names(k))), k=1, size(names))]
+    good = [(deck%is_set(trim(names(k))), k=1, size(names))]
     do k = 1, size(names)
-      given(k) = deck%is_given(trim(names(k)))
-      good(k) = deck%is_set(trim(names(k)))
       numbers(k) = to_text(lengths(k))
-    end do
-    do k = 1, size(names)
       if (any(given) .and. .not. given(k)) call deck%note_missing(trim(names(k)), joined(names, ', ')//' of equal length')
     end do
     if (all(good) .and. any(lengths /= lengths(1))) call deck%complain(trim(names(1)), listed(names, 'and')//' have '// &

@@ -291,7 +291,6 @@ contains
       logical, allocatable :: turns(:)      ! bodies whose rotation has inertia
       integer :: k
       if (source%faults%count > 0) return
-      allocate (turns(size(d%bodies)))
       turns = d%bodies%kind /= 'rigid' .or. d%bodies%inertia > 0.0_wp
       do k = 1, size(d%lumps)
         associate (l => d%lumps(k), i => d%lumps(k)%marker%body)

@@ -101,7 +101,7 @@ contains
     self%faults_before = self%faults%count
   end subroutine open_group
 
-  !> Closes the group: reports the variables that nobody asked for, those that do not apply, and those that are missing.
+  !> Closes the group: reports unknown variables, those that do not apply, and those that are missing.
   subroutine close_group(self)
     class(deck_source), intent(inout) :: self
     integer :: k
@@ -118,7 +118,7 @@ contains
       end associate
     end do
   contains
-    !> Reports a variable that the group does not know, with the nearest one that it does; that one is then not missing.
+    !> Reports an unknown variable and suggests the nearest known one, which is then not reported as missing.
     subroutine report_unknown(k)
       integer, intent(in) :: k   !! which assignment of the group
       character(:), allocatable :: name, meant, message
@@ -179,8 +179,10 @@ contains
     t = selector//'='//t
   end function kinds_text
 
-  !> Declares a variable and finds its assignment. `assignment` is 0 where there is nothing to read: not given (noted as missing
-  !> where it is required and applies), given in an unusable way (then reported), or given although it does not apply.
+  !> Declares a variable and finds its assignment. `assignment` is 0 where there is nothing to read:
+  !> - it is not given: noted as missing where it is required and applies
+  !> - its form is faulty: reported
+  !> - it does not apply: reported when the group is closed.
   subroutine look_up(self, name, need, kinds, expected, assignment)
     class(deck_source), intent(inout) :: self
     character(*), intent(in) :: name              !! variable, lower case

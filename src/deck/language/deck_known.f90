@@ -27,7 +27,7 @@ module deck_known
 
 contains
 
-  !> Adds a variable; one that is declared for several kinds is one.
+  !> Adds a variable, once even if it is declared for several kinds.
   subroutine declare(self, name, applies, given)
     class(variable_list), intent(inout) :: self
     character(*), intent(in) :: name   !! variable

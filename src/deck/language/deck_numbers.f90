@@ -13,7 +13,7 @@ module deck_numbers
 
 contains
 
-  !> A whole number from the value of an expression. `problem` is empty if it is one but for rounding.
+  !> A whole number from the value of an expression, which may be rounded. `problem` is empty if it is one.
   pure subroutine whole_number(x, n, problem)
     real(wp), intent(in) :: x                            !! [-]
     integer, intent(inout) :: n                          !! unchanged if there is a problem

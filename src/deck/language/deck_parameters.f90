@@ -57,7 +57,7 @@ contains
     end do
     if (deck%parts%has_expressions) call fill_expressions()
   contains
-    !> The value that the group of a parameter gives; where it is none the reader of the group says so.
+    !> The value that the group of a parameter gives; the reader of the group reports a faulty one.
     subroutine read_own_value(k)
       integer, intent(in) :: k                !! number of the parameter
       type(value_token) :: token

@@ -1,6 +1,7 @@
-!> Tables of numbers in files as they come from spreadsheets, measurements and biela itself: columns separated by semicolons,
-!> tabs, commas or blanks, numbers in quotes or not, decimal commas where they cannot be separators; lines before the first row
-!> of numbers, empty lines and comments after #, ! or % are passed over.
+!> Tables of numbers in files as they come from spreadsheets, measurements and biela itself:
+!> - semicolons, tabs, commas or blanks separate columns
+!> - numbers may stand in quotes, and have decimal commas where commas cannot be separators
+!> - headings, empty lines and comments after #, ! or % are passed over.
 module deck_tables
   use kinds, only: wp
   use readable_text, only: lf, printable, tab

@@ -2,6 +2,7 @@
 !> response contains the turn of its axes.
 module acceleration_sensor
   use kinds, only: wp
+  use marker, only: turn
   use sensor, only: observation, sensor_model, harmonic_motion, marker_motion, vector_to_global
   implicit none (type, external)
   private
@@ -46,8 +47,9 @@ contains
     a = 0.0_wp
     if (at%markers(k)%body == 0) return
     associate (b => at%markers(k)%body, i => at%m%s%qo(at%markers(k)%body), n => at%m%s%bodies(at%markers(k)%body)%nf)
-      a = at%markers(k)%displacement(at%p%rho(:, k), [0.0_wp, 0.0_wp, at%ev%a(i + 3)], at%ev%a(i + 4:i + 3 + n))
-      a(1:2) = at%ev%a(i + 1:i + 2) + at%p%bias(:, k) + at%ev%frame%to_global(b, a(1:2))
+      a = at%markers(k)%elastic(at%ev%a(i + 4:i + 3 + n))
+      a(1:2) = at%ev%a(i + 1:i + 2) + at%p%bias(:, k) + at%ev%frame%to_global(b, a(1:2) + at%ev%a(i + 3)*turn(at%p%rho(:, k)))
+      a(3) = a(3) + at%ev%a(i + 3)
     end associate
   end function acceleration
 

@@ -34,7 +34,8 @@ contains
     do k = 1, size(self%constraints)
       associate (c => at%m%s%constraints(self%constraints(k))%item)
         do i = c%first, c%first + c%rows - 1
-          x(1:3) = x(1:3) - [at%ev%rows%na(:, i), at%ev%rows%sa(i)]*at%ev%lambda(i)
+          x(1:2) = x(1:2) - at%ev%rows%na(:, i)*at%ev%lambda(i)
+          x(3) = x(3) - at%ev%rows%sa(i)*at%ev%lambda(i)
         end do
       end associate
     end do
