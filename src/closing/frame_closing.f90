@@ -26,14 +26,14 @@ contains
     logical, intent(out) :: usable
     usable = any(self%flexible) .and. .not. ev%elastic_held
     if (.not. usable) return
+    if (allocated(ev%rows%off)) call ev%closing%hold(ev%rows%off)
     call ev%closing%clear()
     call rigid_wrenches(size(self%incidence%row), self%incidence%marker, ev%side%w, size(self%markers%body), ev%p%rho, &
                         ev%side%rigid_wrench)
     call add_frame_compliance(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, ev%frame%l, &
                               ev%frame%dinv, ev%side%rigid_wrench, &
-                              ev%side%g, self%s%rows, ev%closing%scale, size(self%incidence%entry), self%incidence%entry, &
+                              ev%side%g, self%s%rows, ev%closing%scale, size(ev%closing%entry), ev%closing%entry, &
                               size(ev%closing%s), ev%closing%s)
-    if (allocated(ev%rows%off)) call ev%closing%take_off(ev%rows%off)
     ev%closing%weakest = well_held
     call ev%closing%factor_strong(usable)
   end subroutine prepare_frames

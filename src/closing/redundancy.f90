@@ -31,7 +31,7 @@ contains
     report%freedoms = self%s%nq
     if (self%s%rows == 0) return
     allocate (weak(self%s%rows), x(self%s%rows))
-    diagonal = ev%schur%s(0, ev%schur%position)
+    diagonal = [(ev%schur%diagonal(i)*ev%schur%scale(i)**2, i=1, self%s%rows)]
     if (maxval(diagonal) > 1.0e6_wp*minval(diagonal)) then
       where (diagonal > 0.0_wp) ev%schur%scale = 1.0_wp/sqrt(diagonal)
       call evaluate_start(self, ev, q, v)

@@ -8,7 +8,7 @@ module fixed_march
   use time_stepper, only: stepper, step_grid, trouble_none
   implicit none (type, external)
   private
-  public :: fixed_attempt
+  public :: at_stop, fixed_attempt
 
   real(wp), parameter :: on_step = 1.0e-9_wp   !! a breakpoint so near to the end of a step is there, of the step [-]
   real(wp), parameter :: joined = 1.0e-6_wp    !! what is left of a step after a piece joins the next one, of the step [-]

@@ -119,7 +119,7 @@ contains
       allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%sc(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
       if (m%s%rows > m%s%permanent_rows) then
         allocate (r%off(n), source=[(k > m%s%permanent_rows, k=1, n)])
-        allocate (r%acceleration(n), source=0.0_wp)
+        allocate (r%acceleration(n), r%friction(n), source=0.0_wp)
       end if
     end associate
     allocate (ev%dissipated_in(nb), source=0.0_wp)
@@ -179,7 +179,7 @@ contains
         b = c%ib
         term = [r%na(:, i)*ev%p%v(:, a), r%nb(:, i)*ev%p%v(:, b), r%sa(i)*ev%p%rate(a), r%sb(i)*ev%p%rate(b)]
         x = row_motion(ev%switches%state(c%switch_number), ev%switches%memory(c%switch_number), sum(term), &
-                       r%acceleration(i), sum(abs(term)), ev%schur%whole(0, ev%schur%position(i))/ev%schur%scale(i)**2)
+                       r%acceleration(i), sum(abs(term)), ev%schur%diagonal(i))
         x%noise = root_rounding*(r%largest + x%compliance*r%strongest)
       end associate
     end associate

@@ -13,8 +13,6 @@ module mechanism
     integer, allocatable :: row_marker(:, :)    !! (2, rows) markers a and b of each row
     integer, allocatable :: carried(:)          !! rows with a carrier
     integer, allocatable :: carrier(:)          !! its marker, of each
-    integer, allocatable :: entry(:)            !! entry of S for each pair of sides f <= e of one body, body by body; negative
-                                                !! where both are sides of one row, whose entry gets the pair twice
   end type row_incidence
 
   !> Markers as plain arrays, and sorted by what their motion follows from.

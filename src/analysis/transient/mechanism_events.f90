@@ -6,7 +6,6 @@ module mechanism_events
   use controls, only: exchange_controls, pass_control_events, start_controls, watch_controls
   use dynamics, only: marker_kinematics, motion_state
   use evaluation_results, only: conditions_of
-  use evaluation_settings, only: at_side
   use force_element, only: by_position, idle, most_roots
   use friction_law, only: row_carried, row_stuck
   use friction_shares, only: find_undetermined
@@ -15,8 +14,7 @@ module mechanism_events
   use impacts, only: impact_result, pass_impacts
   use mechanism_rates, only: moving_mechanism
   use projection, only: project
-  use singular, only: evaluate_branch
-  use slipping, only: pressing
+  use slipping, only: keep_friction, pressing
   use switch_tally, only: element_tally, exchange_tallies
   use switching, only: event_list, exchange_states, is_rigid_stop, pass_events, start_states, switch_event, watch_roots, watch_rows
   implicit none (type, external)
@@ -134,10 +132,9 @@ contains
     real(wp), intent(out) :: g(:), rate(:), zero(:)   !! (roots) [any], [any/s], [any]
     integer :: k
     k = self%roots - 2*size(self%m%s%controllers)
-    associate (nq => self%m%s%nq, nz => self%m%s%nz, nzd => self%m%s%nzd, n => most_roots*size(self%m%s%switching))
+    associate (nq => self%m%s%nq, nz => self%m%s%nz, n => most_roots*size(self%m%s%switching))
       if (size(self%m%s%friction) > 0 .or. holds_stops(self)) then
-        call evaluate_branch(self%m, self%ev, at_side(self%options, left_limit), t, y(1:nq), y(nq + 1:2*nq), &
-                             y(2*nq + 1:2*nq + nz), y(2*nq + nz + 1:2*nq + nz + nzd))
+        call self%look_at(t, y, left_limit)
         call watch_rows(self%m, self%ev, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
         self%unsettled = comes_to_rest(self%m, self%ev)
       end if
@@ -169,6 +166,7 @@ contains
     logical, intent(out) :: ok
     integer :: n, before(self%m%s%elements)
     ok = .true.
+    call self%forget()
     before = self%ev%switches%state
     n = self%roots - 2*size(self%m%s%controllers)
     associate (nq => self%m%s%nq, nz => self%m%s%nz)
@@ -345,6 +343,7 @@ contains
     end do
     call limit_steps(self)
     if (.not. allocated(self%pressing)) return
+    call keep_friction(self%ev)
     self%turn = 1 + mod(self%turn, size(self%pressing))
     self%pressing(self%turn) = pressing(self%m, self%ev, self%turn, .false.)
     self%fault = self%pressing(self%turn) >= 1.0_wp

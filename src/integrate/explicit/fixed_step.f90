@@ -3,7 +3,7 @@ module fixed_step
   use kinds, only: wp
   use archive, only: value_archive
   use event_location, only: begin_roots
-  use fixed_march, only: fixed_attempt
+  use fixed_march, only: at_stop, fixed_attempt
   use ode_system, only: ode, is_bounded
   use runge_kutta, only: explicit_stepper
   use tableaux, only: tableau
@@ -63,7 +63,7 @@ contains
     if (.not. ok) self%cause = merge(trouble_manifold, trouble_size, is_bounded(self%trial))
   end subroutine try_step
 
-  !> The trial becomes the state; the derivative there.
+  !> The trial becomes the state; the derivative there, which a look for events may have found. Only at a stop has it two sides.
   subroutine accept_step(self, system, h)
     class(fixed_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
@@ -72,7 +72,7 @@ contains
     call move_alloc(self%y, old)              ! exchanged, not copied
     call move_alloc(self%trial, self%y)
     call move_alloc(old, self%trial)
-    call system%derivative(self%tried, self%y, .false., self%stages%k(:, 1))
+    call system%derivative(self%tried, self%y, .not. at_stop(self, h), self%stages%k(:, 1))
     call self%count_step(self%tried, h)
   end subroutine accept_step
 

@@ -5,6 +5,7 @@ module friction_law
   use kinds, only: wp
   implicit none (type, external)
   private
+  public :: slip_forces
 
   !> States: sticks; slips in the direction of its sign; at rest without sticking, as other rows carry it, with the static
   !> limit in the direction of its sign, or with no force.
@@ -39,15 +40,45 @@ module friction_law
 
 contains
 
+  !> The friction of all rows that are off, by its own multipliers; how much it differs from what is given.
+  pure subroutine slip_forces(laws, states, lambda, f, change, strongest)
+    type(coulomb_law), intent(in) :: laws(:)
+    integer, intent(in) :: states(:)      !! of all elements that switch
+    real(wp), intent(in), contiguous :: lambda(:)   !! multipliers of all rows [N]
+    real(wp), intent(inout), contiguous :: f(:)     !! (rows) [N]
+    real(wp), intent(out) :: change       !! the largest [N]
+    real(wp), intent(out) :: strongest    !! the largest [N]
+    real(wp) :: now                       ! [N]
+    integer :: k
+    change = 0.0_wp
+    strongest = 0.0_wp
+    do k = 1, size(laws)
+      associate (law => laws(k), state => states(laws(k)%number))
+        now = force_of(law, state, lambda)
+        change = max(change, abs(now - f(law%row)))
+        strongest = max(strongest, abs(now))
+        f(law%row) = now
+      end associate
+    end do
+  end subroutine slip_forces
+
   !> The multiplier of its row where that is off.
   pure real(wp) function force(self, state, lambda) result(f)   ! [N]
     class(coulomb_law), intent(in) :: self
     integer, intent(in) :: state
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    f = 0.0_wp
-    if (abs(state) == row_slips) f = sign(self%limit(self%kinetic, lambda), real(state, wp))
-    if (abs(state) == row_carried) f = sign(self%limit(self%static, lambda), real(state, wp))
+    f = force_of(self, state, lambda)
   end function force
+
+  !> The same of a law whose type is known.
+  pure real(wp) function force_of(law, state, lambda) result(f)   ! [N]
+    type(coulomb_law), intent(in) :: law
+    integer, intent(in) :: state
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    f = 0.0_wp
+    if (abs(state) == row_slips) f = sign(limit_of(law, law%kinetic, lambda), real(state, wp))
+    if (abs(state) == row_carried) f = sign(limit_of(law, law%static, lambda), real(state, wp))
+  end function force_of
 
   !> Derivatives of that force by the joint's multipliers; what they are 0 for is 0.
   pure function force_slope(self, state, lambda) result(d)
@@ -77,8 +108,16 @@ contains
     class(coulomb_law), intent(in) :: self
     real(wp), intent(in) :: mu            !! [-]
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    c = self%preload/merge(self%size, 1.0_wp, self%contact == on_pin) + mu*self%pressure(lambda)
+    c = limit_of(self, mu, lambda)
   end function limit
+
+  !> The same of a law whose type is known.
+  pure real(wp) function limit_of(law, mu, lambda) result(c)   ! [N]
+    type(coulomb_law), intent(in) :: law
+    real(wp), intent(in) :: mu            !! [-]
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    c = law%preload/merge(law%size, 1.0_wp, law%contact == on_pin) + mu*pressure_of(law, lambda)
+  end function limit_of
 
   !> Up to which force it sticks.
   pure real(wp) function sticking_limit(self, lambda) result(c)   ! [N]
@@ -91,12 +130,19 @@ contains
   pure real(wp) function pressure(self, lambda)   ! [N]
     class(coulomb_law), intent(in) :: self
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    if (self%contact == on_pin) then
-      pressure = self%radius/self%size*sqrt(lambda(self%first)**2 + lambda(self%first + 1)**2)
-    else
-      pressure = sum(abs(self%pads(lambda)))
-    end if
+    pressure = pressure_of(self, lambda)
   end function pressure
+
+  !> The same of a law whose type is known.
+  pure real(wp) function pressure_of(law, lambda) result(pressure)   ! [N]
+    type(coulomb_law), intent(in) :: law
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    if (law%contact == on_pin) then
+      pressure = law%radius/law%size*sqrt(lambda(law%first)**2 + lambda(law%first + 1)**2)
+    else
+      pressure = sum(abs(law%pads(lambda)))
+    end if
+  end function pressure_of
 
   !> The joint's multipliers that press.
   pure function own(self, lambda) result(y)

@@ -41,10 +41,10 @@ contains
     type(multiplier_system), intent(inout) :: schur
     integer, allocatable :: rows(:), cols(:)    !! (pairs)
     logical, allocatable :: same(:)             !! (pairs) a side with itself
-    integer :: n, b, e, f, i, j
+    integer :: n, b, e, f
     associate (at => self%incidence)
       n = sum([((at%first(b + 1) - at%first(b))*(at%first(b + 1) - at%first(b) + 1)/2, b=1, size(self%s%bodies))])
-      allocate (rows(n), cols(n), same(n), at%entry(n))
+      allocate (rows(n), cols(n), same(n))
       n = 0
       do b = 1, size(self%s%bodies)
         do e = at%first(b), at%first(b + 1) - 1
@@ -56,13 +56,7 @@ contains
           end do
         end do
       end do
-      call schur%set_up(self%s%rows, pack(rows, .not. same), pack(cols, .not. same))
-      do n = 1, size(rows)
-        i = schur%position(rows(n))
-        j = schur%position(cols(n))
-        at%entry(n) = 1 + abs(i - j) + (schur%kd + 1)*(min(i, j) - 1)
-        if (i == j .and. .not. same(n)) at%entry(n) = -at%entry(n)
-      end do
+      call schur%set_up(self%s%rows, rows, cols, same)
     end associate
   end subroutine order_rows
 end module incidence

@@ -50,8 +50,9 @@ contains
         call add_elastic(self, ev, b, elastic_metric(self, b, self%attached(b), radius), pairs - n*(n + 1)/2)
       end do
       call add_frame_compliance(size(ev%frame%cos), at%first, at%sides, at%row, l, dinv, ev%side%rigid_wrench, ev%side%g, &
-                                self%s%rows, ev%schur%scale, size(at%entry), at%entry, size(ev%schur%g), ev%schur%g)
-      if (allocated(ev%rows%off)) call ev%schur%uncouple(ev%schur%g)
+                                self%s%rows, ev%schur%scale, size(ev%schur%all%entry), ev%schur%all%entry, size(ev%schur%g), &
+                                ev%schur%g)
+      if (allocated(ev%rows%off)) call ev%schur%uncouple()
     end associate
   end subroutine condense_geometry
 
@@ -90,8 +91,8 @@ contains
         do f = at%first(b), e
           k = k + 1
           x = dot_product(w(:, e), matmul(metric(:, :, at%attachment(e), at%attachment(f)), w(:, f)))
-          x = x*s%scale(at%row(e))*s%scale(at%row(f))*merge(2, 1, at%entry(k) < 0)   ! both markers of one row on the same body
-          associate (i => mod(abs(at%entry(k)) - 1, s%kd + 1), j => 1 + (abs(at%entry(k)) - 1)/(s%kd + 1))
+          x = x*s%scale(at%row(e))*s%scale(at%row(f))*merge(2, 1, s%all%entry(k) < 0)   ! both markers of one row on the same body
+          associate (i => mod(abs(s%all%entry(k)) - 1, s%all%kd + 1), j => 1 + (abs(s%all%entry(k)) - 1)/(s%all%kd + 1))
             s%g(i, j) = s%g(i, j) + x
           end associate
         end do

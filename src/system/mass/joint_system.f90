@@ -146,6 +146,7 @@ contains
     logical, intent(in) :: elastic_held     !! elastic coordinates do not move
     integer :: b, first, last, n, pairs
     ev%elastic_held = elastic_held
+    if (allocated(ev%rows%off)) call ev%schur%hold(ev%rows%off)
     call ev%schur%clear()
     call unit_wrenches(size(self%incidence%row), self%incidence%row, self%incidence%marker, self%incidence%body, &
                        self%incidence%kind, size(ev%frame%cos), ev%frame%cos, ev%frame%sin, self%s%rows, ev%rows%na, ev%rows%nb, &
@@ -163,14 +164,13 @@ contains
         call add_elastic_compliance(n, self%incidence%attachment(first:last), self%incidence%row(first:last), size(at%marker), &
                                     prototype%compliance, &
                                     ev%side%w(:, first:last), self%s%rows, ev%schur%scale, &
-                                    self%incidence%entry(pairs - n*(n + 1)/2 + 1:pairs), size(ev%schur%s), ev%schur%s)
+                                    ev%schur%entry(pairs - n*(n + 1)/2 + 1:pairs), size(ev%schur%s), ev%schur%s)
       end associate
     end do
     call add_frame_compliance(size(ev%frame%cos), self%incidence%first, size(self%incidence%row), self%incidence%row, ev%frame%l, &
                               ev%frame%dinv, ev%side%frame_wrench, &
-                              ev%side%g, self%s%rows, ev%schur%scale, size(self%incidence%entry), self%incidence%entry, &
+                              ev%side%g, self%s%rows, ev%schur%scale, size(ev%schur%entry), ev%schur%entry, &
                               size(ev%schur%s), ev%schur%s)
-    if (allocated(ev%rows%off)) call ev%schur%take_off(ev%rows%off)
   end subroutine condense_constraints
 
   !> Wrenches w of unit multipliers on the bodies, in body axes, and J^T w on the frames as if the bodies were rigid.
@@ -240,7 +240,7 @@ contains
   pure subroutine add_elastic_compliance(n, local, row, na, compliance, w, rows, scale, slot, ns, s)
     integer, intent(in) :: n, rows, na, ns
     integer, intent(in) :: local(n), row(n)
-    integer, intent(in) :: slot(n*(n + 1)/2)           !! of these pairs (mechanism_model)
+    integer, intent(in) :: slot(n*(n + 1)/2)           !! of these pairs (multiplier_system)
     real(wp), intent(in) :: compliance(3, 3, na, na)   !! of the body's attachments [1/kg ...]
     real(wp), intent(in) :: w(3, n), scale(rows)       !! wrenches of unit multipliers [-, m], weights of rows [-]
     real(wp), intent(inout) :: s(ns)                   !! entries of S [1/kg]
@@ -266,7 +266,7 @@ contains
   pure subroutine add_frame_compliance(nb, first, n, row, frame_l, frame_dinv, frame_wrench, g, rows, scale, pairs, slot, ns, s)
     integer, intent(in) :: nb, n, rows, pairs, ns
     integer, intent(in) :: first(nb + 1), row(n)
-    integer, intent(in) :: slot(pairs)                 !! of all pairs (mechanism_model)
+    integer, intent(in) :: slot(pairs)                 !! of all pairs (multiplier_system)
     real(wp), intent(in) :: frame_l(3, nb), frame_dinv(3, nb)   !! factors of the frames [1/kg ...]
     real(wp), intent(in) :: frame_wrench(3, n), scale(rows)         !! wrenches [-, m], weights [-]
     real(wp), intent(out) :: g(3, n)                                         !! L^-1 J^T w [-, m]

@@ -17,15 +17,36 @@ module multipliers
   real(wp), parameter :: regular_pivot = 1.0e-12_wp   !! relative pivot down to which S may be taken as regular [-]
   integer, parameter :: most_passes = 100           !! corrections of the regularised solve
 
-  !> Banded S, its factor and the ordering.
-  type :: multiplier_system
-    integer :: n = 0
+  !> Where the entries of S stand, all rows in a good ordering.
+  type :: row_pattern
     integer :: kd = 0                          !! half band width
-    integer, allocatable :: position(:)        !! (n) place of each row in the ordering
+    integer, allocatable :: position(:)        !! (rows) place of each row in the ordering
+    integer, allocatable :: row(:)             !! (rows) the row at each place
+    integer, allocatable :: entry(:)           !! entry of each pair of sides f <= e of one body, body by body, in a band of all
+                                               !! rows; negative where both are sides of one row, whose entry gets the pair twice
+  end type row_pattern
+
+  !> Entries of S between rows that are off and others.
+  type :: row_couplings
+    integer :: held = 0                        !! how many of them are those of rows that hold, which come first
+    integer, allocatable :: row(:)             !! one of both rows, that which holds where one does
+    integer, allocatable :: place(:)           !! its place
+    integer, allocatable :: off(:)             !! the other one
+    integer, allocatable :: diagonal(:)        !! (rows) the entry of S of each row with itself, 0: it has none
+  end type row_couplings
+
+  !> Banded S of the rows that hold, its factor and the ordering; behind the band the entries between rows that are off and others.
+  type :: multiplier_system
+    type(row_pattern) :: all                   !! with the rows that are off
+    integer :: n = 0                           !! rows that hold
+    integer :: kd = 0                          !! half band width
+    integer, allocatable :: position(:)        !! (rows) place of each row among those that hold, 0: it is off
     integer, allocatable :: row(:)             !! (n) the row at each place
-    real(wp), allocatable :: scale(:)          !! (n) weight of each row, fixed at set-up [-]
-    real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j) [1/kg]
-    real(wp), allocatable :: g(:, :)           !! (0:kd, n) the same of the geometry alone, summed only where it is needed [-]
+    integer, allocatable :: entry(:)           !! as that of all rows, in s
+    type(row_couplings) :: coupled
+    real(wp), allocatable :: scale(:)          !! (rows) weight of each row, fixed at set-up [-]
+    real(wp), allocatable :: s(:, :)           !! (0:kd, n) lower band of S, s(i, j) = S(j+i, j), then the couplings [1/kg]
+    real(wp), allocatable :: g(:, :)           !! band of all rows, of the geometry alone, summed only where it is needed [-]
     real(wp), allocatable :: f(:, :)           !! (0:kd, n+kd) L below the diagonal [-], 1/D on it [kg]; zero beyond n
     real(wp) :: shift = 1.0e-6_wp              !! eps of S + eps 1 over the mean diagonal: 1e-9 where rows are redundant [-]
                                                !! everywhere; larger in passing, where the weak direction must not move
@@ -35,10 +56,9 @@ module multipliers
     logical :: ill_conditioned = .false.       !! masses so uneven that double precision no longer holds S
     logical :: was_ill_conditioned = .false.   !! at some evaluation of the run
     real(wp), allocatable :: x(:)              !! (n+kd) work, zero beyond n [m/s2, N]
-    real(wp), allocatable :: r(:), best(:)     !! (n) work [m/s2, N]
-    logical, allocatable :: dependent(:)       !! (n) reordered rows that depend on earlier ones by geometry
-    logical, allocatable :: off(:)             !! (n) rows, in their own order, that hold nothing; allocated where rows switch
-    real(wp), allocatable :: whole(:, :)       !! (0:kd, n) S as if they held, likewise [1/kg]
+    real(wp), allocatable :: r(:), best(:)     !! (rows) work [m/s2, N]
+    logical, allocatable :: dependent(:)       !! (rows) reordered rows that depend on earlier ones by geometry
+    logical, allocatable :: off(:)             !! (rows) those that hold nothing, in their own order; allocated where rows switch
   contains
     procedure :: set_up
     procedure :: clear
@@ -54,36 +74,100 @@ module multipliers
     procedure :: remove_range
     procedure :: weak_rows
     procedure :: weakest_row
-    procedure :: take_off
+    procedure :: hold
     procedure :: soften
     procedure :: uncouple
-    procedure :: whole_product
+    procedure :: diagonal
+    procedure :: column
+    procedure :: entry_of
+    procedure :: residual
+    procedure :: motion_off
   end type multiplier_system
 
 contains
 
-  !> Orders the rows from the pairs that meet in a body, and allocates.
-  subroutine set_up(self, n, rows, cols)
+  !> Orders the rows from the pairs of sides that meet in a body, and allocates; all rows hold.
+  subroutine set_up(self, n, rows, cols, same)
     class(multiplier_system), intent(inout) :: self
     integer, intent(in) :: n                  !! constraint rows
-    integer, intent(in) :: rows(:), cols(:)   !! pairs of rows that share a moving body
+    integer, intent(in) :: rows(:), cols(:)   !! pairs of sides of one body
+    logical, intent(in) :: same(:)            !! a side with itself
     integer, allocatable :: order(:), starts(:)
     integer :: k
-    self%n = n
     call reverse_cuthill_mckee(n, rows, cols, order, starts)
-    allocate (self%position(n), self%scale(n), self%r(n), self%best(n))
-    self%position(order) = [(k, k=1, n)]
-    self%row = order(1:n)
-    self%scale = 1.0_wp
-    self%kd = 0
-    do k = 1, size(rows)
-      self%kd = max(self%kd, abs(self%position(rows(k)) - self%position(cols(k))))
-    end do
-    if (self%kd > 0 .and. self%kd < 3) self%kd = 3          ! takes the short way of half band width 3
+    allocate (self%scale(n), source=1.0_wp)
+    allocate (self%r(n), self%best(n), source=0.0_wp)
     allocate (self%dependent(n), source=.false.)
-    allocate (self%s(0:self%kd, n), self%g(0:self%kd, n), self%f(0:self%kd, n + self%kd), &
-              self%x(n + self%kd), source=0.0_wp)
+    associate (p => self%all)
+      allocate (p%position(n), p%entry(size(rows)))
+      p%position(order) = [(k, k=1, n)]
+      p%row = order(1:n)
+      p%kd = half_width(p%position, rows, cols)
+      p%entry = 1 + abs(p%position(rows) - p%position(cols)) + (p%kd + 1)*(min(p%position(rows), p%position(cols)) - 1)
+      where (rows == cols .and. .not. same) p%entry = -p%entry
+      allocate (self%g(0:p%kd, n), source=0.0_wp)
+    end associate
+    call arrange(self, spread(.false., 1, n))
   end subroutine set_up
+
+  !> Half band width of rows in an ordering, of pairs that meet.
+  pure integer function half_width(position, rows, cols) result(kd)
+    integer, intent(in) :: position(:), rows(:), cols(:)
+    integer :: k
+    kd = 0
+    do k = 1, size(rows)
+      kd = max(kd, abs(position(rows(k)) - position(cols(k))))
+    end do
+    if (kd > 0 .and. kd < 3) kd = 3                         ! takes the short way of half band width 3
+  end function half_width
+
+  !> Takes rows that hold nothing off S, which is then to be summed: their multipliers are zero.
+  subroutine hold(self, off)
+    class(multiplier_system), intent(inout) :: self
+    logical, intent(in) :: off(:)             !! (rows)
+    self%off = off
+    if (.not. all((self%position == 0) .eqv. off)) call arrange(self, off)
+  end subroutine hold
+
+  !> Where the entries of S stand: the band of the rows that hold, then the entries that rows that are off have with these, then
+  !> those that they have with one another.
+  subroutine arrange(self, off)
+    class(multiplier_system), intent(inout) :: self
+    logical, intent(in) :: off(:)             !! (rows)
+    integer, allocatable :: used(:), a(:), b(:)   ! entries of the band of all rows, both rows of each
+    integer, allocatable :: place(:)          ! of each entry of that band
+    logical, allocatable :: holds(:), mixed(:)
+    integer :: k, behind
+    associate (p => self%all, c => self%coupled)
+      self%row = pack(p%row, .not. off(p%row))
+      self%n = size(self%row)
+      self%position = spread(0, 1, size(off))
+      self%position(self%row) = [(k, k=1, self%n)]
+      allocate (place((p%kd + 1)*size(off)), source=0)
+      place(abs(p%entry)) = 1
+      used = pack([(k, k=1, size(place))], place > 0)
+      b = p%row(1 + (used - 1)/(p%kd + 1))
+      a = p%row(p%position(b) + mod(used - 1, p%kd + 1))
+      holds = .not. (off(a) .or. off(b))
+      mixed = off(a) .neqv. off(b)
+      self%kd = half_width(self%position, pack(a, holds), pack(b, holds))
+      behind = (self%kd + 1)*self%n
+      c%held = count(mixed)
+      c%row = [pack(merge(a, b, off(b)), mixed), pack(a, .not. (holds .or. mixed))]
+      c%off = [pack(merge(b, a, off(b)), mixed), pack(b, .not. (holds .or. mixed))]
+      c%place = self%position(c%row)
+      a = self%position(a)
+      b = self%position(b)
+      place(pack(used, holds)) = pack(1 + abs(a - b) + (self%kd + 1)*(min(a, b) - 1), holds)
+      place(pack(used, mixed)) = behind + [(k, k=1, c%held)]
+      place(pack(used, .not. (holds .or. mixed))) = behind + [(k, k=c%held + 1, size(c%row))]
+      self%entry = sign(place(abs(p%entry)), p%entry)
+      c%diagonal = place(1 + (p%kd + 1)*(p%position - 1))
+      if (allocated(self%s)) deallocate (self%s, self%f, self%x)
+      allocate (self%s(0:self%kd, self%n + (size(c%row) + self%kd)/(self%kd + 1)), self%f(0:self%kd, self%n + self%kd), &
+                self%x(self%n + self%kd), source=0.0_wp)
+    end associate
+  end subroutine arrange
 
   !> Forgets S before it is summed anew.
   subroutine clear(self)
@@ -98,55 +182,131 @@ contains
     x = 0.0_wp
   end subroutine fill_zero
 
-  !> Takes rows that hold nothing off S, which has just been summed: their multipliers are zero. S with them is kept.
-  subroutine take_off(self, off)
-    class(multiplier_system), intent(inout) :: self
-    logical, intent(in) :: off(:)             !! (n)
-    self%off = off
-    self%whole = self%s
-    call self%uncouple(self%s)
-  end subroutine take_off
-
   !> Rows that hold give way by part of what a unit multiplier accelerates them.
   subroutine soften(self, creep, rows)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: creep             !! that part [-]
     integer, intent(in) :: rows(:)
-    associate (at => self%position(rows))
+    associate (at => pack(self%position(rows), self%position(rows) > 0))
       self%s(0, at) = self%s(0, at)*(1 + creep)
     end associate
   end subroutine soften
 
-  !> Zero between rows that are off and all others; their own entries stay.
-  subroutine uncouple(self, x)
-    class(multiplier_system), intent(in) :: self
-    real(wp), intent(inout) :: x(0:, :)       !! (0:kd, n) S or G [1/kg] or [-]
+  !> G without what rows that are off have in common with others.
+  subroutine uncouple(self)
+    class(multiplier_system), intent(inout) :: self
     integer :: i, j, k
-    do i = 1, self%n
+    do i = 1, size(self%off)
       if (.not. self%off(i)) cycle
-      k = self%position(i)
-      x(1:, k) = 0.0_wp
-      do j = max(1, k - self%kd), k - 1
-        x(k - j, j) = 0.0_wp
+      k = self%all%position(i)
+      self%g(1:, k) = 0.0_wp
+      do j = max(1, k - self%all%kd), k - 1
+        self%g(k - j, j) = 0.0_wp
       end do
     end do
   end subroutine uncouple
 
-  !> r <- r - S lambda, S with all rows.
-  subroutine whole_product(self, lambda, r)
+  !> The acceleration of a row by its own unit multiplier alone, also of one that is off.
+  pure real(wp) function diagonal(self, row)     ! [1/kg]
+    class(multiplier_system), intent(in) :: self
+    integer, intent(in) :: row
+    diagonal = 0.0_wp
+    associate (e => self%coupled%diagonal(row) - 1)
+      if (e >= 0) diagonal = self%s(mod(e, self%kd + 1), 1 + e/(self%kd + 1))/self%scale(row)**2
+    end associate
+  end function diagonal
+
+  !> Entry k of those that rows that are off have with others.
+  pure real(wp) function entry_of(self, k)       ! [1/kg]
+    class(multiplier_system), intent(in) :: self
+    integer, intent(in) :: k
+    entry_of = self%s(mod(k - 1, self%kd + 1), self%n + 1 + (k - 1)/(self%kd + 1))
+  end function entry_of
+
+  !> y = S e_k of the rows that hold, k a row that is off.
+  subroutine column(self, k, y)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(in) :: lambda(:)         !! (n) [N]
-    real(wp), intent(inout) :: r(:)           !! (n) [m/s2]
+    integer, intent(in) :: k
+    real(wp), intent(out) :: y(:)             !! (rows) [1/kg]
+    self%r = 0.0_wp
+    self%r(k) = -1/self%scale(k)
+    self%x(1:self%n) = 0.0_wp
+    call subtract_couplings(self)
+    y = 0.0_wp
+    y(self%row) = self%x(1:self%n)/self%scale(self%row)
+  end subroutine column
+
+  !> r <- r - S lambda of the rows that hold.
+  subroutine residual(self, lambda, r)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(in) :: lambda(:)         !! (rows) [N]
+    real(wp), intent(inout) :: r(:)           !! (rows) [m/s2]
     integer :: k
+    self%r = lambda/self%scale
     do k = 1, self%n
-      self%r(self%position(k)) = lambda(k)/self%scale(k)
-      self%best(self%position(k)) = 0.0_wp
+      self%best(k) = self%r(self%row(k))
+      self%x(k) = 0.0_wp
     end do
-    call subtract_product(self%n, self%kd, self%whole, self%r, self%best)
+    call subtract_product(self%n, self%kd, self%s, self%best, self%x)
+    call subtract_couplings(self)
     do k = 1, self%n
-      r(k) = r(k) + self%best(self%position(k))/self%scale(k)
+      r(self%row(k)) = r(self%row(k)) + self%x(k)/self%scale(self%row(k))
     end do
-  end subroutine whole_product
+  end subroutine residual
+
+  !> r <- r - S lambda of the rows that are off; 0 of others.
+  subroutine motion_off(self, lambda, r)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(in) :: lambda(:)         !! (rows) [N]
+    real(wp), intent(inout) :: r(:)           !! (rows) [m/s2]
+    self%r = lambda/self%scale
+    self%best = 0.0_wp
+    if (size(self%coupled%row) > 0) call add_couplings(self%coupled%held, size(self%coupled%row), self%coupled%row, &
+      self%coupled%off, self%s(0, self%n + 1), self%r, self%best)
+    where (self%off)
+      r = r - self%best/self%scale
+    elsewhere
+      r = 0.0_wp
+    end where
+  end subroutine motion_off
+
+  !> y + S x of rows that are off: the first entries with rows that hold, the others with one another.
+  pure subroutine add_couplings(held, n, row, off, s, x, y)
+    integer, intent(in) :: held, n
+    integer, intent(in) :: row(n), off(n)
+    real(wp), intent(in) :: s(n)              !! [1/kg]
+    real(wp), intent(in) :: x(:)              !! (rows) [N]
+    real(wp), intent(inout) :: y(:)           !! (rows) [m/s2]
+    integer :: k
+    do k = 1, held
+      y(off(k)) = y(off(k)) + s(k)*x(row(k))
+    end do
+    do k = held + 1, n
+      y(off(k)) = y(off(k)) + s(k)*x(row(k))
+      if (row(k) /= off(k)) y(row(k)) = y(row(k)) + s(k)*x(off(k))
+    end do
+  end subroutine add_couplings
+
+  !> x <- x - S r of rows that hold, r multipliers of rows that are off.
+  subroutine subtract_couplings(self)
+    class(multiplier_system), intent(inout) :: self
+    associate (c => self%coupled)
+      if (c%held > 0) call subtract_entries(c%held, c%place, c%off, self%s(0, self%n + 1), self%r, self%x)
+    end associate
+  end subroutine subtract_couplings
+
+  !> The same of a list of entries.
+  pure subroutine subtract_entries(n, place, off, s, r, x)
+    integer, intent(in) :: n
+    integer, intent(in) :: place(n), off(n)
+    real(wp), intent(in) :: s(n)              !! [1/kg]
+    real(wp), intent(in), contiguous :: r(:)  !! (rows) [N]
+    real(wp), intent(inout), contiguous :: x(:)   !! places [m/s2]
+    integer :: k
+    do k = 1, n
+      x(place(k)) = x(place(k)) - s(k)*r(off(k))
+    end do
+  end subroutine subtract_entries
 
   !> Factors S; falls back to S + eps 1 where a pivot is weak.
   subroutine factor(self)
@@ -164,7 +324,7 @@ contains
     call mark_dependent(self, weak_pivot)
     good = .not. any(self%dependent)
     if (good) then
-      call take_matrix(size(self%s), size(self%f), self%s, self%f)
+      call take_matrix((self%kd + 1)*self%n, size(self%f), self%s, self%f)
       call eliminate(self%n, self%kd, self%f, self%s, regular_pivot, good)
     end if
     if (.not. good) call factor_shifted(self)
@@ -173,7 +333,7 @@ contains
   !> Whether the last factor has pivots that may be 0 by rounding.
   pure logical function beyond_digits(self) result(yes)
     class(multiplier_system), intent(in) :: self
-    yes = self%ill_conditioned .or. any(self%f(0, 1:self%n)*self%s(0, :)*regular_pivot > 1.0_wp)   ! the factor holds 1/pivot
+    yes = self%ill_conditioned .or. any(self%f(0, 1:self%n)*self%s(0, 1:self%n)*regular_pivot > 1.0_wp)   ! the factor holds 1/pivot
   end function beyond_digits
 
   !> Factors S; good is false where a pivot is weak.
@@ -185,7 +345,7 @@ contains
     self%ill_conditioned = .false.
     good = .true.
     if (self%n == 0) return
-    call take_matrix(size(self%s), size(self%f), self%s, self%f)
+    call take_matrix((self%kd + 1)*self%n, size(self%f), self%s, self%f)
     call eliminate(self%n, self%kd, self%f, self%s, self%weakest, good)
   end subroutine factor_strong
 
@@ -196,7 +356,7 @@ contains
     logical, intent(in) :: accept_weak_pivots   !! factor S as it is, however weak its pivots, if none is 0 by rounding
     logical :: good
     if (accept_weak_pivots) then
-      call take_matrix(size(self%s), size(self%f), self%s, self%f)
+      call take_matrix((self%kd + 1)*self%n, size(self%f), self%s, self%f)
       call eliminate(self%n, self%kd, self%f, self%s, regular_pivot, self%uneven_masses)
       if (self%uneven_masses) return
     end if
@@ -225,9 +385,9 @@ contains
   subroutine take_dependent(self)
     class(multiplier_system), intent(inout) :: self
     integer :: k
-    call take_matrix(size(self%s), size(self%f), self%s, self%f)
+    call take_matrix((self%kd + 1)*self%n, size(self%f), self%s, self%f)
     do k = 1, self%n
-      if (self%dependent(k)) self%f(0, k) = 2*self%f(0, k)
+      if (self%dependent(self%all%position(self%row(k)))) self%f(0, k) = 2*self%f(0, k)
     end do
   end subroutine take_dependent
 
@@ -237,8 +397,8 @@ contains
     real(wp) :: eps                           ! [1/kg]
     logical :: good
     self%singular = .true.
-    call take_matrix(size(self%s), size(self%f), self%s, self%f)
-    eps = self%shift*sum(self%s(0, :))/self%n
+    call take_matrix((self%kd + 1)*self%n, size(self%f), self%s, self%f)
+    eps = self%shift*sum(self%s(0, 1:self%n))/self%n
     if (.not. eps > tiny(1.0_wp)) eps = 1.0_wp   ! S is 0, no multiplier moves anything: any of ordinary size
     self%f(0, 1:self%n) = self%f(0, 1:self%n) + eps
     call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
@@ -260,7 +420,7 @@ contains
     integer :: k
     if (self%n == 0) return
     do k = 1, self%n
-      self%x(self%position(k)) = lambda(k)*self%scale(k)
+      self%x(k) = lambda(self%row(k))*self%scale(self%row(k))
     end do
     call substitute_placed(self, lambda)
   end subroutine solve
@@ -273,10 +433,10 @@ contains
     real(wp), intent(inout) :: x(:)           !! (n) [N]
     integer :: k
     do k = 1, self%n
-      self%r(self%position(k)) = f(k)/self%scale(k)
-      self%x(self%position(k)) = b(k)*self%scale(k)
+      self%x(k) = b(self%row(k))*self%scale(self%row(k))
     end do
-    call subtract_product(self%n, self%kd, self%whole, self%r, self%x)
+    self%r = f/self%scale
+    call subtract_couplings(self)
     call substitute_placed(self, x)
   end subroutine solve_beside
 
@@ -285,18 +445,14 @@ contains
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(inout) :: x(:)           !! (n) [N]
     integer :: k
-    if (allocated(self%off)) then
-      do k = 1, self%n
-        if (self%off(k)) self%x(self%position(k)) = 0.0_wp
-      end do
-    end if
     if (self%singular) then
       call correct(self)
     else
       call substitute(self%n, self%kd, self%f, self%x)
     end if
+    if (self%n < size(x)) x = 0.0_wp
     do k = 1, self%n
-      x(k) = self%x(self%position(k))*self%scale(k)
+      x(self%row(k)) = self%x(k)*self%scale(self%row(k))
     end do
   end subroutine substitute_placed
 
@@ -306,12 +462,12 @@ contains
     real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order [N]
     integer :: k
     do k = 1, self%n
-      self%r(self%position(k)) = lambda(k)/self%scale(k)
+      self%r(k) = lambda(self%row(k))/self%scale(self%row(k))
     end do
     self%x = 0.0_wp
     call subtract_product(self%n, self%kd, self%s, self%r, self%x)
     do k = 1, self%n
-      lambda(k) = -self%x(self%position(k))/self%scale(k)
+      lambda(self%row(k)) = -self%x(k)/self%scale(self%row(k))
     end do
     call self%solve(lambda)
   end subroutine minimum_norm_equivalent
@@ -331,7 +487,7 @@ contains
     class(multiplier_system), intent(inout) :: self
     real(wp) :: size_now, size_before
     integer :: pass
-    associate (b => self%r, x => self%best, w => self%x(1:self%n))
+    associate (b => self%r(1:self%n), x => self%best(1:self%n), w => self%x(1:self%n))
       b(:) = w
       x = 0.0_wp
       size_before = huge(1.0_wp)
@@ -355,7 +511,7 @@ contains
     real(wp), intent(in) :: tol               !! [-]
     logical, intent(out) :: dependent(:)      !! (n) in the constraints' own order
     call mark_dependent(self, tol)
-    dependent = self%dependent(self%position)
+    dependent = self%dependent(self%all%position)
     if (allocated(self%off)) dependent = dependent .or. self%off
   end subroutine weak_rows
 
@@ -367,16 +523,16 @@ contains
     logical :: dependent(self%n)
     row = 0
     if (self%n == 0) return
-    s = self%s
+    s = self%s(:, 1:self%n)
     call find_dependent(self%n, self%kd, s, 0.0_wp, diagonal, dependent)
-    row = findloc(self%position, minloc(s(0, :)/max(diagonal, tiny(1.0_wp)), 1), 1)
+    row = self%row(minloc(s(0, :)/max(diagonal, tiny(1.0_wp)), 1))
   end function weakest_row
 
   !> Marks the rows that depend on earlier ones by geometry. Overwrites G.
   subroutine mark_dependent(self, tol)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: tol               !! [-]
-    call find_dependent(self%n, self%kd, self%g, tol, self%r, self%dependent)
+    call find_dependent(size(self%dependent), self%all%kd, self%g, tol, self%r, self%dependent)
   end subroutine mark_dependent
 
   !> Eliminates a band matrix in place and leaves its pivots on its diagonal. A row depends on earlier ones where its pivot is not
