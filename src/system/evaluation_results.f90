@@ -61,6 +61,19 @@ module evaluation_results
     real(wp) :: error = 0.0_wp                  !! [m, rad, or per second]
   end type control_results
 
+  !> Rows that slip (`slipping`).
+  type, public :: slip_work
+    real(wp), allocatable :: start(:)           !! (rows) multipliers of the last accepted state [N]
+    real(wp), allocatable :: b(:), x(:), f(:), law(:)   !! (rows) what rows hold [m/s2], multipliers, friction, that of the law [N]
+    real(wp), allocatable :: slope(:, :)        !! (2, joints with friction) of the friction by their multipliers [-]
+    real(wp), allocatable :: weighed(:, :)      !! the same between rows as S weighs them [-]
+    integer, allocatable :: column(:, :)        !! (2, joints with friction) places of these multipliers
+    integer, allocatable :: law_of(:)           !! (rows) joint with friction, 0: none
+    real(wp), allocatable :: ab(:, :)           !! matrix of the multipliers with that slope, factored [1/kg]
+    integer, allocatable :: pivots(:)           !! likewise
+    integer :: upper = 0                        !! likewise
+  end type slip_work
+
   !> Results of the last evaluation, and work space.
   type :: evaluation
     real(wp) :: t = 0.0_wp                      !! its time [s]
@@ -79,6 +92,7 @@ module evaluation_results
     real(wp), allocatable :: wrench(:, :)       !! (3, markers) of force elements, body axes [N, N, N m]
     type(element_action), allocatable :: action(:)   !! what each force element does
     type(control_results), allocatable :: control(:)   !! what each controller does
+    type(slip_work) :: slip
     type(switch_states) :: switches             !! discrete states of the force elements that have such
     real(wp) :: creep = 0.0_wp                  !! rows that stick give way by so much of their own compliance, to find states [-]
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
@@ -119,7 +133,12 @@ contains
       allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%sc(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
       if (m%s%rows > m%s%permanent_rows) then
         allocate (r%off(n), source=[(k > m%s%permanent_rows, k=1, n)])
-        allocate (r%acceleration(n), r%friction(n), source=0.0_wp)
+        allocate (r%acceleration(n), source=0.0_wp)
+        associate (w => ev%slip)
+          allocate (w%start(n), w%b(n), w%x(n), w%f(n), w%law(n), w%slope(2, size(m%s%friction)), w%ab(0, 0), source=0.0_wp)
+          w%weighed = w%slope
+          allocate (w%law_of(n), w%pivots(0), w%column(2, size(m%s%friction)), source=0)
+        end associate
       end if
     end associate
     allocate (ev%dissipated_in(nb), source=0.0_wp)
@@ -172,11 +191,8 @@ contains
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k
     real(wp) :: term(6)                     ! [m/s]
-    integer :: a, b
     associate (c => m%s%constraints(m%s%permanent + k)%item, r => ev%rows)
-      associate (i => c%first)
-        a = c%ia
-        b = c%ib
+      associate (i => c%first, a => c%ia, b => c%ib)
         term = [r%na(:, i)*ev%p%v(:, a), r%nb(:, i)*ev%p%v(:, b), r%sa(i)*ev%p%rate(a), r%sb(i)*ev%p%rate(b)]
         x = row_motion(ev%switches%state(c%switch_number), ev%switches%memory(c%switch_number), sum(term), &
                        r%acceleration(i), sum(abs(term)), ev%schur%diagonal(i))
@@ -184,6 +200,19 @@ contains
       end associate
     end associate
   end function motion_of_row
+
+  !> What its friction takes.
+  pure real(wp) function slip_power(m, ev, k) result(power)   ! [W]
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k
+    associate (c => m%s%constraints(m%s%permanent + k)%item, r => ev%rows, v => ev%p%v)
+      associate (i => c%first, a => c%ia, b => c%ib)
+        power = ev%lambda(i)*((r%na(1, i)*v(1, a) + r%na(2, i)*v(2, a)) + (r%nb(1, i)*v(1, b) + r%nb(2, i)*v(2, b)) &
+                              + (r%sa(i)*ev%p%rate(a) + r%sb(i)*ev%p%rate(b)))
+      end associate
+    end associate
+  end function slip_power
 
   !> What force element k may depend on beside the motion of its markers, in the last evaluation.
   pure type(conditions) function conditions_of(m, ev, k) result(with)
@@ -223,9 +252,8 @@ contains
     end do
     n = 2 + size(m%s%switching)
     do k = 1, size(m%s%friction)
-      associate (i => m%s%friction(k)%row, x => motion_of_row(m, ev, k))
-        power(n + k) = merge(ev%lambda(i)*x%rate, 0.0_wp, ev%rows%off(i))
-      end associate
+      power(n + k) = 0.0_wp
+      if (ev%rows%off(m%s%friction(k)%row)) power(n + k) = slip_power(m, ev, k)
       power(1) = power(1) + power(n + k)
     end do
     n = 2 + m%s%elements

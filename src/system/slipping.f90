@@ -2,21 +2,24 @@
 !>
 !>   S_nn lambda = b - S_nt sigma c(lambda)                                 (A)
 !>
-!> with the rows n that hold and the rows t that slip. It is iterated with the factor at hand, from the friction of the last accepted
-!> state; where that contracts slowly, Newton's method takes over, whose matrix has the same band.
+!> with the rows n that hold and the rows t that slip. Newton's method solves it, from the multipliers of the last accepted state: c
+!> is a norm, of which a slope keeps all but the change of direction. Its matrix has the band of S.
 module slipping
   use kinds, only: wp
   use band_lu, only: factor_lu, solve_lu
-  use evaluation_results, only: evaluation
+  use evaluation_results, only: evaluation, slip_work
   use friction_law, only: row_slips, slip_forces
   use mechanism, only: mechanism_model
+  use multipliers, only: multiplier_system
   implicit none (type, external)
   private
-  public :: keep_friction, pressing, slip_multipliers
+  public :: keep_multipliers, pressing, slip_multipliers
 
   integer, parameter :: most_passes = 60
-  real(wp), parameter :: slow = 0.3_wp             !! contraction from which Newton's method takes less work [-]
-  real(wp), parameter :: settled = 1.0e-14_wp      !! change of the friction in the last pass, of its size [-]
+  real(wp), parameter :: settled = 1.0e-14_wp      !! what the friction misses of its law in the last pass, of its size [-]
+  real(wp), parameter :: rounding = 64*epsilon(1.0_wp)   !! the same where it falls no longer [-]
+  real(wp), parameter :: slow = 0.01_wp            !! contraction from which a new matrix takes less work [-]
+  real(wp), parameter :: far = 0.9_wp              !! contraction of simple passes that lead nowhere [-]
 
 contains
 
@@ -25,65 +28,114 @@ contains
   subroutine slip_multipliers(m, ev)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    real(wp), dimension(size(ev%lambda)) :: x, f     ! [N]
-    real(wp) :: change, last, strongest
-    integer :: pass
-    associate (b => ev%rows%acceleration, laws => m%s%friction, state => ev%switches%state)
-      b = ev%lambda
-      f = merge(ev%rows%friction, 0.0_wp, ev%rows%off)
-      last = huge(1.0_wp)
-      do pass = 1, most_passes
-        call ev%schur%solve_beside(b, f, x)
-        call slip_forces(laws, state, x, f, change, strongest)
-        if (change <= settled*strongest) exit
-        if (change > slow*last .and. change > 64*settled*strongest) then
-          f = 0.0_wp                               ! c is convex: from here the way to a single row's limit is monotone
-          call ev%schur%solve_beside(b, f, x)
-          call slip_forces(laws, state, x, f, change, strongest)
-          call newton(m, ev, b, x, f)
-          exit
-        end if
-        if (change > slow*last) exit               ! no longer falls: rounding
-        last = change
-      end do
-      ev%lambda = merge(f, x, ev%rows%off)
+    logical :: ok
+    ev%slip%b = ev%lambda
+    if (ev%schur%singular) then
+      call iterate(m, ev, ok)
+      if (.not. ok) call newton(m, ev, ok)
+    else
+      call newton(m, ev, ok)
+      if (.not. ok) call iterate(m, ev, ok)
+    end if
+    if (.not. ok) ev%broken = .true.
+    associate (b => ev%slip%b)
+      ev%lambda = merge(ev%slip%f, ev%slip%x, ev%rows%off)
       ev%rows%largest = max(maxval(abs(b)), maxval(abs(ev%frame%free(1:2, :))), m%s%size*maxval(abs(ev%frame%free(3, :))))
       ev%rows%strongest = maxval(abs(ev%lambda))
-      call ev%schur%motion_off(ev%lambda, b)
+      ev%rows%acceleration = b
+      call ev%schur%motion_off(ev%lambda, ev%rows%acceleration)
     end associate
   end subroutine slip_multipliers
 
-  !> The friction of the last evaluation is that of an accepted state: evaluations to come start from it.
-  pure subroutine keep_friction(ev)
+  !> The last evaluation was that of an accepted state: those to come start from its multipliers.
+  pure subroutine keep_multipliers(ev)
     type(evaluation), intent(inout) :: ev
-    ev%rows%friction = merge(ev%lambda, 0.0_wp, ev%rows%off .and. abs(ev%lambda) < huge(1.0_wp))
-  end subroutine keep_friction
+    where (abs(ev%lambda) < huge(1.0_wp))
+      ev%slip%start = ev%lambda
+    else where
+      ev%slip%start = 0.0_wp
+    end where
+  end subroutine keep_multipliers
 
-  !> Newton's method for (A).
-  subroutine newton(m, ev, b, x, f)
+  !> Newton's method: the friction of multipliers y near x is f + D (y - x).
+  subroutine newton(m, ev, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    real(wp), intent(in) :: b(:)                     !! [m/s2]
-    real(wp), intent(inout) :: x(:), f(:)            !! [N]
-    real(wp) :: r(size(x))                           ! [m/s2], then [N]
-    real(wp) :: change, last, strongest
-    logical :: ok
+    logical, intent(out) :: ok
+    real(wp) :: missed, last, strongest              ! [N]
+    logical :: renew
     integer :: pass
-    last = huge(1.0_wp)
-    do pass = 1, most_passes
-      r = b
-      call ev%schur%residual(merge(f, x, ev%rows%off), r)
-      call solve_linearised(m, ev, x, 0, r, ok)
-      if (.not. ok) exit
-      x = x + r
-      call slip_forces(m%s%friction, ev%switches%state, x, f, change, strongest)
-      if (change <= settled*strongest) return
-      if (change > slow*last .and. change <= 64*settled*strongest) return
-      if (.not. change < huge(1.0_wp)) exit
-      last = change
-    end do
-    ev%broken = .true.
+    associate (w => ev%slip, laws => m%s%friction, states => ev%switches%state)
+      w%x = w%start
+      renew = .true.
+      do pass = 1, most_passes
+        if (renew) then
+          call factor(m, ev, w%x, 0, ok)
+          if (.not. ok) return
+        end if
+        call slip_forces(laws, states, w%x, w%f, strongest)
+        call add_slopes(m, w, -1, w%f)
+        call ev%schur%put(w%b, w%f)
+        call substitute(ev%schur, w)
+        call ev%schur%get(w%x)
+        call add_slopes(m, w, 1, w%f)
+        call slip_forces(laws, states, w%x, w%law, strongest)
+        missed = largest_difference(w%law, w%f)
+        if (pass == 1) last = strongest
+        ok = missed <= settled*strongest .or. (missed <= rounding*strongest .and. missed > slow*last)
+        if (ok .or. .not. missed < huge(1.0_wp)) return
+        renew = missed > slow*last
+        last = missed
+      end do
+    end associate
+    ok = .false.
   end subroutine newton
+
+  !> f + D x or f - D x of the rows that slip.
+  pure subroutine add_slopes(m, w, way, f)
+    type(mechanism_model), intent(in) :: m
+    type(slip_work), intent(in) :: w
+    integer, intent(in) :: way                       !! 1 or -1
+    real(wp), intent(inout) :: f(:)                  !! (rows) [N]
+    integer :: k
+    do k = 1, size(m%s%friction)
+      associate (law => m%s%friction(k))
+        f(law%row) = f(law%row) + way*(w%slope(1, k)*w%x(law%first) + w%slope(2, k)*w%x(law%first + law%rows - 1))
+      end associate
+    end do
+  end subroutine add_slopes
+
+  !> The largest |a - b|.
+  pure real(wp) function largest_difference(a, b) result(largest)   ! [N]
+    real(wp), intent(in), contiguous :: a(:), b(:)   !! [N]
+    integer :: k
+    largest = 0.0_wp
+    do k = 1, size(a)
+      if (.not. abs(a(k) - b(k)) <= largest) largest = abs(a(k) - b(k))
+    end do
+  end function largest_difference
+
+  !> Simple passes with the factor of S: multipliers of least norm where S is singular.
+  subroutine iterate(m, ev, ok)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    logical, intent(out) :: ok
+    real(wp) :: missed, last, strongest              ! [N]
+    integer :: pass
+    associate (w => ev%slip)
+      w%f = 0.0_wp
+      last = huge(1.0_wp)
+      do pass = 1, most_passes
+        call ev%schur%solve_beside(w%b, w%f, w%x)
+        call slip_forces(m%s%friction, ev%switches%state, w%x, w%law, strongest)
+        missed = largest_difference(w%law, w%f)
+        ok = missed <= settled*strongest .or. (missed <= rounding*strongest .and. missed > far*last)
+        if (ok .or. .not. missed < far*last) return
+        w%f = w%law
+        last = missed
+      end do
+    end associate
+  end subroutine iterate
 
   !> How hard the friction of row k of those that switch presses its own joint, of what it brakes: where that is 1 or more, rigid
   !> bodies have no motion with friction, or two (Painleve 1895). With y the multipliers that a unit of friction asks for, the
@@ -100,8 +152,11 @@ contains
       if (abs(ev%switches%state(law%number)) /= row_slips .or. .not. law%kinetic > 0.0_wp) return
       call ev%schur%column(law%row, y)
       if (others) then
-        call solve_linearised(m, ev, ev%lambda, law%row, y, ok)
+        call factor(m, ev, ev%lambda, law%row, ok)
         if (.not. ok) return
+        call ev%schur%put(y, spread(0.0_wp, 1, size(y)))
+        call substitute(ev%schur, ev%slip)
+        call ev%schur%get(y)
       else
         call ev%schur%solve(y)
       end if
@@ -109,67 +164,77 @@ contains
     end associate
   end function pressing
 
-  !> Multipliers of the rows that hold, friction linearised, from what they have to cancel; ok is false where there are none.
-  subroutine solve_linearised(m, ev, lambda, without, x, ok)
+  !> The matrix of (A) about given multipliers, factored: S_nn + S_nt D, D = sigma dc/dlambda. ok is false where it is singular.
+  subroutine factor(m, ev, lambda, without, ok)
     type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: lambda(:)                !! about which [N]
-    integer, intent(in) :: without                   !! a row t that is left out, 0: none
-    real(wp), intent(inout) :: x(:)                  !! [m/s2], then [N]
-    logical, intent(out) :: ok
-    real(wp) :: ab(3*ev%schur%kd + 1, ev%schur%n)    ! band of the matrix [1/kg]
-    real(wp) :: y(ev%schur%n, 1)                     ! at their places, weighed [m/s2], then [N]
-    integer :: pivots(ev%schur%n), upper
-    logical :: bad
-    call sum_matrix(m, ev, lambda, without, ab)
-    associate (n => ev%schur%n, kd => ev%schur%kd, row => ev%schur%row, scale => ev%schur%scale)
-      y(:, 1) = x(row)*scale(row)
-      call factor_lu(n, kd, ab, pivots, upper, bad)
-      if (.not. bad) call solve_lu(n, kd, ab, pivots, upper, 1, y)
-      x = 0.0_wp
-      x(row) = y(:, 1)*scale(row)
-    end associate
-    ok = .not. bad
-  end subroutine solve_linearised
-
-  !> S + S_t sigma dc/dlambda of the rows that hold, in the storage of `band_lu`. A row t meets the rows of its joint, and all that
-  !> these meet.
-  subroutine sum_matrix(m, ev, lambda, without, ab)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
+    type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: lambda(:)                !! [N]
     integer, intent(in) :: without                   !! a row t that is left out, 0: none
-    real(wp), intent(out) :: ab(:, :)                !! [1/kg]
-    real(wp) :: d(2, size(lambda))                   ! slopes of rows t by the multipliers of their joints [-]
-    integer :: first(size(lambda)), last(size(lambda))   ! those multipliers
-    integer :: i, j, k, l
-    associate (s => ev%schur, c => ev%schur%coupled, main => 2*ev%schur%kd + 1)
-      ab = 0.0_wp
-      do j = 1, s%n
-        do i = 0, min(s%kd, s%n - j)
-          ab(main + i, j) = s%s(i, j)
-          ab(main - i, j + i) = s%s(i, j)
-        end do
-      end do
-      if (s%singular) ab(main, :) = ab(main, :) + s%shift*sum(s%s(0, 1:s%n))/s%n
-      first = 1
-      last = 0
+    logical, intent(out) :: ok
+    logical :: bad
+    integer :: k
+    associate (w => ev%slip, s => ev%schur, c => ev%schur%coupled)
       do k = 1, size(m%s%friction)
-        associate (law => m%s%friction(k))
-          if (law%row == without) cycle
-          d(:, law%row) = law%force_slope(ev%switches%state(law%number), lambda)
-          first(law%row) = law%first
-          last(law%row) = law%first + law%rows - 1
+        associate (law => m%s%friction(k), columns => [m%s%friction(k)%first, m%s%friction(k)%first + m%s%friction(k)%rows - 1])
+          w%law_of(law%row) = k
+          w%slope(:, k) = 0.0_wp
+          if (law%row /= without) w%slope(:, k) = law%force_slope(ev%switches%state(law%number), lambda)
+          w%weighed(:, k) = w%slope(:, k)*s%scale(columns)/s%scale(law%row)
+          w%column(:, k) = s%position(columns)
         end associate
       end do
-      do k = 1, c%held
-        associate (i => c%place(k), t => c%off(k))
-          do l = first(t), last(t)
-            j = s%position(l)
-            ab(main + i - j, j) = ab(main + i - j, j) + s%entry_of(k)/s%scale(t)*d(1 + l - first(t), t)*s%scale(l)
-          end do
-        end associate
-      end do
+      if (size(w%ab, 1) /= 3*s%kd + 1 .or. size(w%ab, 2) /= s%n) then
+        deallocate (w%ab, w%pivots)
+        allocate (w%ab(3*s%kd + 1, s%n), w%pivots(s%n))
+      end if
+      call fill_band(s%n, s%kd, s%s, w%ab)
+      if (s%singular) w%ab(2*s%kd + 1, :) = w%ab(2*s%kd + 1, :) + s%shift*sum(s%s(0, 1:s%n))/s%n
+      if (c%held > 0) call add_friction(c%held, c%place, c%off, s%s(0, s%n + 1), w%law_of, w%column, w%weighed, s%n, s%kd, w%ab)
+      call factor_lu(s%n, s%kd, w%ab, w%pivots, w%upper, bad)
+      ok = .not. bad
     end associate
-  end subroutine sum_matrix
+  end subroutine factor
+
+  !> Adds S_nt D to the band.
+  pure subroutine add_friction(entries, place, off, s, law_of, column, slope, n, kd, ab)
+    integer, intent(in) :: entries, n, kd
+    integer, intent(in) :: place(entries), off(entries)   !! place of the row that holds, the row that is off
+    real(wp), intent(in) :: s(entries)               !! [1/kg]
+    integer, intent(in), contiguous :: law_of(:), column(:, :)
+    real(wp), intent(in), contiguous :: slope(:, :)  !! (2, joints with friction) [-]
+    real(wp), intent(inout) :: ab(3*kd + 1, n)       !! [1/kg]
+    integer :: i, j, k, l, t
+    do k = 1, entries
+      t = law_of(off(k))
+      if (t == 0) cycle                              ! a stop
+      i = 2*kd + 1 + place(k)
+      do l = 1, 2
+        j = column(l, t)
+        ab(i - j, j) = ab(i - j, j) + s(k)*slope(l, t)
+      end do
+    end do
+  end subroutine add_friction
+
+  !> A symmetric band in the storage of `band_lu`.
+  pure subroutine fill_band(n, kd, s, ab)
+    integer, intent(in) :: n, kd
+    real(wp), intent(in) :: s(0:kd, n)               !! [1/kg]
+    real(wp), intent(out) :: ab(3*kd + 1, n)         !! [1/kg]
+    integer :: i, j
+    ab = 0.0_wp
+    do j = 1, n
+      ab(2*kd + 1, j) = s(0, j)
+      do i = 1, min(kd, n - j)
+        ab(2*kd + 1 + i, j) = s(i, j)
+        ab(2*kd + 1 - i, j + i) = s(i, j)
+      end do
+    end do
+  end subroutine fill_band
+
+  !> Multipliers by that factor, in its order.
+  subroutine substitute(schur, w)
+    type(multiplier_system), intent(inout) :: schur
+    type(slip_work), intent(in) :: w
+    call solve_lu(schur%n, schur%kd, w%ab, w%pivots, w%upper, 1, schur%x)
+  end subroutine substitute
 end module slipping

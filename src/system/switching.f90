@@ -203,7 +203,7 @@ contains
       call a%exchange(ev%switches%state(i))
     end do
     call a%exchange(ev%switches%memory)
-    if (allocated(ev%rows%friction)) call a%exchange(ev%rows%friction)
+    if (allocated(ev%slip%start)) call a%exchange(ev%slip%start)
     call a%exchange(ev%switches%shared)
   end subroutine exchange_states
 end module switching

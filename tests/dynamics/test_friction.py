@@ -98,7 +98,7 @@ KLEIN = """&parameter name='mu' value=0 /
 &parameter name='v' value=1 /
 &body name='b1' mass=1.5 inertia=0.1 velocity={v},0 /
 &body name='b2' mass=0.8 inertia=0.1 position={cos(0.9)},{sin(0.9)} velocity={v},0 /
-&joint name='rail1' type='prismatic' body_a='b1' friction={mu} /
+&joint name='rail1' type='prismatic' body_a='b1' friction={mu} friction_static={1.5*mu} /
 &joint name='rail2' type='prismatic' body_a='b2' point_b=0,{sin(0.9)} /
 &joint name='link' type='distance' body_a='b1' point_a=0,0 body_b='b2' point_b=0,0 /
 &force name='f1' type='force' body='b1' point=0,0 fx=3 /
@@ -125,6 +125,29 @@ def test_blocks_on_parallel_rails(run_deck):
         assert 'joint "rail1" at t = 0.000000E+00 s: its friction presses 1.100 times as hard as it brakes' in lost
         assert f"a friction below {limit:.3f}, or an elastic link, has one" in lost
         run_deck(KLEIN, "--set", f"mu={limit + 1e-9:.16g}", "--set", f"v={v}", expect=1, name=f"first{v}")
+
+
+PARALLELOGRAM = """&scene gravity=0,0 /
+&parameter name='x' value={0.15*cos(0.8)} /
+&parameter name='y' value={0.15*sin(0.8)} /
+&body name='left' mass=1 inertia=0.02 position={x},{y} angle=0.8 velocity={-6*y},{6*x} angular_velocity=6 /
+&body name='coupler' mass=1 inertia=0.02 position={0.25+2*x},{2*y} velocity={-12*y},{12*x} /
+&body name='right' mass=1 inertia=0.02 position={0.5+x},{y} angle=0.8 velocity={-6*y},{6*x} angular_velocity=6 /
+&joint name='A' type='revolute' body_a='left' point_a=-0.15,0 friction=0.2 pin_radius=0.01 /
+&joint name='B' type='revolute' body_a='coupler' point_a=-0.25,0 body_b='left' point_b=0.15,0 friction=0.2 pin_radius=0.01 /
+&joint name='C' type='revolute' body_a='coupler' point_a=0.25,0 body_b='right' point_b=0.15,0 friction=0.2 pin_radius=0.01 /
+&joint name='D' type='revolute' body_a='right' point_a=-0.15,0 point_b=0.5,0 friction=0.2 pin_radius=0.01 /
+&transient METHOD t_end=0.5 output_step=0.05 /
+"""
+
+
+def test_no_motion_through_a_change_point(run_deck):
+    """Next to it the pins press harder than they brake: all methods say so, also where it is within a step that it begins."""
+    for word in ("'rk4' step=1e-3", "'dopri5' tolerance=1e-8", "'radau' tolerance=1e-8", "'generalized_alpha' step=1e-3"):
+        lost = run_deck(PARALLELOGRAM.replace("METHOD", f"method={word}"), name=word[1:4], expect=1).stderr
+        assert "times as hard as it brakes" in lost
+        assert "(Painleve)" in lost
+        assert 0.38 < float(lost.split(" at t = ")[1].split()[0]) < 0.4
 
 
 CRANK = """&scene gravity=0,-9.81 /

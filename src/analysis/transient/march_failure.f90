@@ -9,6 +9,7 @@ module march_failure
   use evaluation_results, only: evaluation
   use projection, only: open_constraints
   use scene_run, only: run_state
+  use slipping, only: pressing
   use step_control, only: error_norm
   use switching, only: element_name
   use text, only: es_text, fixed_text
@@ -38,6 +39,7 @@ contains
     real(wp), intent(in) :: last               !! time of the last row [s]
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text, names
+    real(wp), allocatable :: ratios(:)
     real(wp) :: gap
     integer :: b, trouble
     b = 0
@@ -47,10 +49,11 @@ contains
       return
     end if
     trouble = merge(trouble_masses, march%trouble, run%sys%ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size)
-    if (locks(run) .and. trouble /= trouble_masses) trouble = trouble_system
+    ratios = ratios_now(run)
+    if (any(ratios > nearly_locked) .and. trouble /= trouble_masses) trouble = trouble_system
     select case (trouble)
     case (trouble_system)
-      text = friction_fault(run, march%t)
+      text = friction_fault(run, ratios, march%t)
     case (trouble_masses)
       text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//weakest_text(run%sys%m, run%sys%ev)
     case (trouble_manifold)
@@ -100,24 +103,35 @@ contains
     if (b > 0) fail%deck_line = deck_line_of(run%d, b)
   end subroutine explain_loss
 
-  !> Whether friction presses joints so hard that rigid bodies have no motion, or hardly one.
-  pure logical function locks(run) result(yes)
+  !> How hard the friction of each joint presses it, the last time that was looked at; where the last evaluation has found no force
+  !> that meets the law, also there.
+  function ratios_now(run) result(ratios)
     type(run_state), intent(in) :: run
-    yes = .false.
-    if (allocated(run%sys%pressing)) yes = any(run%sys%pressing > nearly_locked)
-  end function locks
+    real(wp), allocatable :: ratios(:)         ! [-]
+    type(evaluation) :: work
+    integer :: k
+    allocate (ratios(0))
+    if (.not. allocated(run%sys%pressing)) return
+    ratios = run%sys%pressing
+    if (.not. run%sys%ev%broken) return
+    work = run%sys%ev
+    do k = 1, size(ratios)
+      ratios(k) = max(ratios(k), pressing(run%sys%m, work, k, .false.))
+    end do
+  end function ratios_now
 
   !> What joints with friction ask for that rigid bodies cannot do.
-  function friction_fault(run, t) result(text)
+  function friction_fault(run, ratios, t) result(text)
     type(run_state), intent(in) :: run
+    real(wp), intent(in) :: ratios(:)          !! (joints with friction) [-]
     real(wp), intent(in) :: t                  !! [s]
     character(:), allocatable :: text
     real(wp) :: ratio
     integer :: k
     associate (m => run%sys%m)
-      k = maxloc(run%sys%pressing, 1)
-      ratio = run%sys%pressing(k)
-      if (.not. locks(run)) then
+      k = maxloc(ratios, 1)
+      ratio = ratios(k)
+      if (.not. ratio > nearly_locked) then
         text = 'no joint with friction was found to stick or slip by its law at t = '//number(t)//' s'//strongest(run)// &
                '; expected smaller coefficients, or elastic bodies that decide how joints share a load'
         return

@@ -14,11 +14,13 @@ module mechanism_events
   use impacts, only: impact_result, pass_impacts
   use mechanism_rates, only: moving_mechanism
   use projection, only: project
-  use slipping, only: keep_friction, pressing
+  use slipping, only: keep_multipliers, pressing
   use switch_tally, only: element_tally, exchange_tallies
   use switching, only: event_list, exchange_states, is_rigid_stop, pass_events, start_states, switch_event, watch_roots, watch_rows
   implicit none (type, external)
   private
+
+  integer, parameter :: looked_at = 4         !! joints whose Painleve's ratio an accepted step looks at
 
   !> The system with its events.
   type, abstract, extends(moving_mechanism), public :: switching_mechanism
@@ -343,10 +345,12 @@ contains
     end do
     call limit_steps(self)
     if (.not. allocated(self%pressing)) return
-    call keep_friction(self%ev)
-    self%turn = 1 + mod(self%turn, size(self%pressing))
-    self%pressing(self%turn) = pressing(self%m, self%ev, self%turn, .false.)
-    self%fault = self%pressing(self%turn) >= 1.0_wp
+    call keep_multipliers(self%ev)
+    do i = 1, min(looked_at, size(self%pressing))
+      self%turn = 1 + mod(self%turn, size(self%pressing))
+      self%pressing(self%turn) = pressing(self%m, self%ev, self%turn, .false.)
+      self%fault = self%fault .or. self%pressing(self%turn) >= 1.0_wp
+    end do
   end subroutine note_step
 
   !> The longest fixed step that contacts allow, graded towards their ends.

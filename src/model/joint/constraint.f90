@@ -22,7 +22,6 @@ module constraint
     real(wp), allocatable :: acceleration_bias(:) !! (n) part of the second derivative beside the markers' accelerations [m/s2]
     logical, allocatable :: off(:)        !! (n) it holds nothing now; allocated where rows switch
     real(wp), allocatable :: acceleration(:)   !! (n) second derivatives, zero but for rounding of rows that hold; likewise [m/s2]
-    real(wp), allocatable :: friction(:)  !! (n) of rows that slip, at the last accepted state [N]
     real(wp) :: largest = 0.0_wp          !! of accelerations without multipliers, of frames and of rows [m/s2]
     real(wp) :: strongest = 0.0_wp        !! of the multipliers [N]
   contains

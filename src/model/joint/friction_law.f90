@@ -40,24 +40,19 @@ module friction_law
 
 contains
 
-  !> The friction of all rows that are off, by its own multipliers; how much it differs from what is given.
-  pure subroutine slip_forces(laws, states, lambda, f, change, strongest)
+  !> The friction of all rows that are off, from the joints' multipliers.
+  pure subroutine slip_forces(laws, states, lambda, f, strongest)
     type(coulomb_law), intent(in) :: laws(:)
     integer, intent(in) :: states(:)      !! of all elements that switch
     real(wp), intent(in), contiguous :: lambda(:)   !! multipliers of all rows [N]
-    real(wp), intent(inout), contiguous :: f(:)     !! (rows) [N]
-    real(wp), intent(out) :: change       !! the largest [N]
+    real(wp), intent(inout), contiguous :: f(:)     !! (rows) zero elsewhere [N]
     real(wp), intent(out) :: strongest    !! the largest [N]
-    real(wp) :: now                       ! [N]
     integer :: k
-    change = 0.0_wp
     strongest = 0.0_wp
     do k = 1, size(laws)
-      associate (law => laws(k), state => states(laws(k)%number))
-        now = force_of(law, state, lambda)
-        change = max(change, abs(now - f(law%row)))
-        strongest = max(strongest, abs(now))
-        f(law%row) = now
+      associate (law => laws(k))
+        f(law%row) = force_of(law, states(law%number), lambda)
+        strongest = max(strongest, abs(f(law%row)))
       end associate
     end do
   end subroutine slip_forces

@@ -70,6 +70,8 @@ module multipliers
     procedure :: note_ill_conditioned
     procedure :: solve
     procedure :: solve_beside
+    procedure :: put
+    procedure :: get
     procedure :: minimum_norm_equivalent
     procedure :: remove_range
     procedure :: weak_rows
@@ -79,8 +81,6 @@ module multipliers
     procedure :: uncouple
     procedure :: diagonal
     procedure :: column
-    procedure :: entry_of
-    procedure :: residual
     procedure :: motion_off
   end type multiplier_system
 
@@ -216,13 +216,6 @@ contains
     end associate
   end function diagonal
 
-  !> Entry k of those that rows that are off have with others.
-  pure real(wp) function entry_of(self, k)       ! [1/kg]
-    class(multiplier_system), intent(in) :: self
-    integer, intent(in) :: k
-    entry_of = self%s(mod(k - 1, self%kd + 1), self%n + 1 + (k - 1)/(self%kd + 1))
-  end function entry_of
-
   !> y = S e_k of the rows that hold, k a row that is off.
   subroutine column(self, k, y)
     class(multiplier_system), intent(inout) :: self
@@ -236,38 +229,19 @@ contains
     y(self%row) = self%x(1:self%n)/self%scale(self%row)
   end subroutine column
 
-  !> r <- r - S lambda of the rows that hold.
-  subroutine residual(self, lambda, r)
-    class(multiplier_system), intent(inout) :: self
-    real(wp), intent(in) :: lambda(:)         !! (rows) [N]
-    real(wp), intent(inout) :: r(:)           !! (rows) [m/s2]
-    integer :: k
-    self%r = lambda/self%scale
-    do k = 1, self%n
-      self%best(k) = self%r(self%row(k))
-      self%x(k) = 0.0_wp
-    end do
-    call subtract_product(self%n, self%kd, self%s, self%best, self%x)
-    call subtract_couplings(self)
-    do k = 1, self%n
-      r(self%row(k)) = r(self%row(k)) + self%x(k)/self%scale(self%row(k))
-    end do
-  end subroutine residual
-
   !> r <- r - S lambda of the rows that are off; 0 of others.
   subroutine motion_off(self, lambda, r)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: lambda(:)         !! (rows) [N]
     real(wp), intent(inout) :: r(:)           !! (rows) [m/s2]
+    integer :: k
     self%r = lambda/self%scale
     self%best = 0.0_wp
     if (size(self%coupled%row) > 0) call add_couplings(self%coupled%held, size(self%coupled%row), self%coupled%row, &
       self%coupled%off, self%s(0, self%n + 1), self%r, self%best)
-    where (self%off)
-      r = r - self%best/self%scale
-    elsewhere
-      r = 0.0_wp
-    end where
+    do k = 1, size(r)
+      r(k) = merge(r(k) - self%best(k)/self%scale(k), 0.0_wp, self%off(k))
+    end do
   end subroutine motion_off
 
   !> y + S x of rows that are off: the first entries with rows that hold, the others with one another.
@@ -428,32 +402,47 @@ contains
   !> Multipliers x of the rows that hold, beside given ones of rows that are off: S x = b - S f.
   subroutine solve_beside(self, b, f, x)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(in) :: b(:)              !! (n) [m/s2]
-    real(wp), intent(in) :: f(:)              !! (n) zero where rows hold [N]
-    real(wp), intent(inout) :: x(:)           !! (n) [N]
+    real(wp), intent(in) :: b(:)              !! (rows) [m/s2]
+    real(wp), intent(in) :: f(:)              !! (rows) zero where rows hold [N]
+    real(wp), intent(inout) :: x(:)           !! (rows) [N]
+    call self%put(b, f)
+    call substitute_placed(self, x)
+  end subroutine solve_beside
+
+  !> Puts b - S f in the order of the factor.
+  subroutine put(self, b, f)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(in) :: b(:)              !! (rows) [m/s2]
+    real(wp), intent(in) :: f(:)              !! (rows) of those that are off [N]
     integer :: k
     do k = 1, self%n
       self%x(k) = b(self%row(k))*self%scale(self%row(k))
     end do
     self%r = f/self%scale
     call subtract_couplings(self)
-    call substitute_placed(self, x)
-  end subroutine solve_beside
+  end subroutine put
+
+  !> What has been solved for, in the rows' own order.
+  subroutine get(self, x)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(inout) :: x(:)           !! (rows) [N]
+    integer :: k
+    do k = 1, self%n
+      x(self%row(k)) = self%x(k)*self%scale(self%row(k))
+    end do
+  end subroutine get
 
   !> x by the last factor, from the right-hand side in the order of the factor.
   subroutine substitute_placed(self, x)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(inout) :: x(:)           !! (n) [N]
-    integer :: k
+    real(wp), intent(inout) :: x(:)           !! (rows) [N]
     if (self%singular) then
       call correct(self)
     else
       call substitute(self%n, self%kd, self%f, self%x)
     end if
     if (self%n < size(x)) x = 0.0_wp
-    do k = 1, self%n
-      x(self%row(k)) = self%x(k)*self%scale(self%row(k))
-    end do
+    call self%get(x)
   end subroutine substitute_placed
 
   !> The minimum-norm multipliers that exert the same forces as the given ones, by the last factor: redundant rows share.
