@@ -270,7 +270,7 @@ def test_mechanism_at_rest_stays_for_an_hour(run_deck):
 
 @pytest.mark.parametrize("method", ["method='dopri5' tolerance=1e-10", "method='rk4' step=1e-2"])
 def test_loads_that_vary_and_jump(method, run_deck):
-    """Breakaway at 6 sin(2 pi t) = mu_s m g, between two rows; a load that jumps at t = 1.013; one that stays below the limit."""
+    """Breakaway at 6 sin(2 pi t) = mu_s m g; a load that jumps at t = 1.013, one at the limit, one beyond it within a step."""
     run = run_deck(
         BLOCK.replace("FRICTION", "friction_static=0.25")
         .replace("HISTORY", "kind='sine' amplitude=6 frequency=1")
@@ -280,6 +280,13 @@ def test_loads_that_vary_and_jump(method, run_deck):
     times, words = events_of(run)
     assert times[0] == pytest.approx(np.arcsin(0.25 * 2 * G / 6) / (2 * pi), abs=1e-9)
     assert words[0] == ["rail", "stuck", "forward"]
+    run = run_deck(
+        BLOCK.replace("FRICTION", "friction_static=0.25")
+        .replace("HISTORY", f"kind='sine' amplitude={0.25 * 2 * G * 1.004!r} frequency=1 phase=0.157")
+        .replace("METHOD", f"{method} t_end=0.3 output_step=0.05"),
+        name="dips",
+    )
+    assert events_of(run)[0][0] == pytest.approx((np.arcsin(1 / 1.004) - 0.157) / (2 * pi), abs=1e-9)
     run = run_deck(
         BLOCK.replace("FRICTION", "")
         .replace("HISTORY", "kind='pulse' value=6 start=1.013 finish=1.513")

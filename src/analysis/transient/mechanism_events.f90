@@ -4,8 +4,8 @@ module mechanism_events
   use archive, only: value_archive
   use contact_mass, only: mass_at, time_of_contact
   use controls, only: exchange_controls, pass_control_events, start_controls, watch_controls
-  use dynamics, only: marker_kinematics, motion_state
-  use evaluation_results, only: conditions_of
+  use dynamics, only: evaluate, marker_kinematics, motion_state
+  use evaluation_results, only: conditions_of, evaluation
   use force_element, only: by_position, idle, most_roots
   use friction_law, only: row_carried, row_stuck
   use friction_shares, only: find_undetermined
@@ -20,6 +20,8 @@ module mechanism_events
   implicit none (type, external)
   private
 
+  real(wp), parameter :: aside_share = 1.0e-6_wp   !! time between two evaluations that make a rate, of an output step [-]
+  real(wp), parameter :: digits_of_change = 1.0e3_wp   !! a change that is one, of the values that are zero [-]
   integer, parameter :: looked_at = 4         !! joints whose Painleve's ratio an accepted step looks at
 
   !> The system with its events.
@@ -32,6 +34,7 @@ module mechanism_events
     real(wp) :: shortest_limit = huge(1.0_wp) !! shortest of all steps that contacts allowed [s]
     real(wp), allocatable :: pressing(:)      !! (rows that switch) the last time it was looked at: Painleve's ratio [-]
     integer :: turn = 0                       !! the row that was looked at last
+    type(evaluation), allocatable, private :: beside   !! an evaluation a little aside
     real(wp) :: output_step = huge(1.0_wp)    !! between two rows of the history [s]
   contains
     procedure :: start_switching
@@ -138,6 +141,7 @@ contains
       if (size(self%m%s%friction) > 0 .or. holds_stops(self)) then
         call self%look_at(t, y, left_limit)
         call watch_rows(self%m, self%ev, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
+        call measure_rates(self, t, y, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
         self%unsettled = comes_to_rest(self%m, self%ev)
       end if
       if (n + size(self%m%s%controllers) > 0) call marker_kinematics(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
@@ -145,6 +149,44 @@ contains
       call watch_controls(self%m, self%ev, t, left_limit, y(2*nq + 1:2*nq + nz), g(k + 1:), rate(k + 1:), zero(k + 1:))
     end associate
   end subroutine find_roots
+
+  !> Rates of what is left to the limits of joints that stick, by a second evaluation a little aside on the way of the state: with
+  !> them a share that reaches its limit and leaves it within a step is found. What rounding may have made of a value is no rate.
+  subroutine measure_rates(self, t, y, g, rate, zero)
+    class(switching_mechanism), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(in) :: g(:), zero(:)   !! (roots of the rows) of the last evaluation [any]
+    real(wp), intent(inout) :: rate(:)      !! (roots of the rows) [any/s]
+    real(wp), dimension(size(g)) :: aside, unused, rounding   ! [any], [any/s], [any]
+    real(wp) :: h                           ! [s]
+    integer :: k
+    if (size(self%m%s%friction) == 0) return
+    if (.not. allocated(self%beside)) allocate (self%beside, source=self%ev)
+    associate (s => self%m%s, ev => self%ev, x => self%beside)
+      if (.not. any(ev%switches%state(size(s%switching) + 1:) == row_stuck)) return
+      if (ev%schur%singular .or. ev%broken .or. .not. self%output_step < huge(1.0_wp)) return
+      x%switches%state = ev%switches%state
+      x%switches%memory = ev%switches%memory
+      x%slip%start = ev%lambda
+      x%control = ev%control
+      x%broken = .false.
+      h = sign(aside_share*self%output_step, merge(-1.0_wp, 1.0_wp, ev%options%left_limit))
+      associate (q => y(1:s%nq), v => y(s%nq + 1:2*s%nq), z => y(2*s%nq + 1:2*s%nq + s%nz), nzd => s%nzd, &
+                 zd => y(2*s%nq + s%nz + 1:2*s%nq + s%nz + s%nzd))
+        call evaluate(self%m, x, ev%options, t + h, q + h*v, v + h*ev%a, z + h*[zd, ev%zdd(nzd + 1:)], zd + h*ev%zdd(:nzd))
+      end associate
+      if (x%schur%singular .or. x%broken) return
+      call watch_rows(self%m, x, aside, unused, rounding)
+      do k = 1, size(s%friction)
+        if (ev%switches%state(s%friction(k)%number) /= row_stuck) cycle
+        associate (i => most_roots*(k - 1) + 1)
+          rate(i) = 0.0_wp
+          if (abs(aside(i) - g(i)) > digits_of_change*zero(i)) rate(i) = (aside(i) - g(i))/h
+        end associate
+      end do
+    end associate
+  end subroutine measure_rates
 
   !> Whether a rigid stop is closed.
   pure logical function holds_stops(self) result(yes)
