@@ -196,10 +196,11 @@ class ScenePicture:
             self.axis.plot(*np.transpose(ends), ":", color=STOP, lw=1.0, zorder=2)
         else:
             at = a = np.array(hinge(self.scene, stop)["at"])
-            bodies = {body["name"]: body for body in self.scene["bodies"]}
-            turned = [bodies[stop[side]["body"]]["frame"][2] if stop[side]["body"] else 0.0 for side in "ab"]
-            arm = direction_of(np.array(bodies[stop["a"]["body"]]["centre"]) - a, turned[0], 0.1 * size)
-            angles = [arm + limit - (turned[0] - turned[1]) for limit in limits]
+            centre = {body["name"]: body["centre"] for body in self.scene["bodies"]}.get(stop["a"]["body"], a)
+            turned = {body["name"]: body["frame"][2] for body in self.scene["bodies"]}
+            turn, other = (turned.get(stop[side]["body"], 0.0) for side in "ab")
+            arm = direction_of(np.array(centre) - a, turn, 0.1 * size)
+            angles = [arm + limit - (turn - other) for limit in limits]
             for angle in angles:
                 ray = np.array([np.cos(angle), np.sin(angle)])
                 self.axis.plot(*np.transpose([a + 1.2 * size * ray, a + 1.8 * size * ray]), "-", color=STOP, lw=2.2, zorder=7)
