@@ -13,6 +13,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import LogFormatterSciNotation
 
 from . import deck_text, material_data
 from .master_curve import MasterCurve, master_curve
@@ -152,6 +153,7 @@ def picture(
             axis.set_ylabel(label)
             axis.set_xscale("log")
             axis.set_yscale("log")
+            axis.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(3.0, 0.7)))  # few decades: 2, 5 labelled, too
             axis.margins(x=0.02)
         losses = np.concatenate([curve.imag, *(modulus.imag for _, _, modulus in points)])
         axes[2].set_ylim(losses.min() / 3.0, losses.max() * 1.5)  # terms far below the sum do not matter
