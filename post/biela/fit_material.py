@@ -13,7 +13,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.ticker import LogFormatterSciNotation
+from matplotlib.ticker import FuncFormatter
 
 from . import deck_text, material_data
 from .master_curve import MasterCurve, master_curve
@@ -118,6 +118,13 @@ def material_lines(
     return "\n".join([*(f"! {note}" for note in notes), "", "\n".join([head, *lists]) + " /"]) + "\n"
 
 
+def two_or_five(value: float) -> str:
+    """Return the label of a tick between powers of ten: that of 2 and 5 times one, '' of the others."""
+    power = int(np.floor(np.log10(value)))
+    times = round(value / 10.0**power, 6)
+    return f"${times:.0f}\\times10^{{{power}}}$" if times in (2.0, 5.0) else ""
+
+
 def picture(
     material: Material, title: str, band: tuple[float, float], points: list[tuple[str, np.ndarray, np.ndarray]]
 ) -> plt.Figure:
@@ -153,7 +160,7 @@ def picture(
             axis.set_ylabel(label)
             axis.set_xscale("log")
             axis.set_yscale("log")
-            axis.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(3.0, 0.7)))  # few decades: 2, 5 labelled, too
+            axis.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: two_or_five(value)))
             axis.margins(x=0.02)
         losses = np.concatenate([curve.imag, *(modulus.imag for _, _, modulus in points)])
         axes[2].set_ylim(losses.min() / 3.0, losses.max() * 1.5)  # terms far below the sum do not matter

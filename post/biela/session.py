@@ -42,6 +42,17 @@ class Figures(dict):
             raise AttributeError(f"no {name!r}; there are {', '.join(self)}") from None
 
 
+class Named(list):
+    """A list of figures that have names, as items and by these: `figures.scene.bodies.crank`."""
+
+    def __getattr__(self, name: str) -> object:
+        """Return an item by its name."""
+        found = next((item for item in self if isinstance(item, dict) and item.get("name") == name), None)
+        if found is None:
+            raise AttributeError(f"no {name!r}; there are {', '.join(str(item['name']) for item in self if 'name' in item)}")
+        return found
+
+
 class SolverError(BielaError):
     """The solver refused a deck or stopped; `result` has what was written until then, `status` is the solver's."""
 
@@ -115,7 +126,7 @@ def _figures(value: object) -> object:
     """Return a JSON value with its objects as `Figures`."""
     if isinstance(value, dict):
         return Figures({name: _figures(item) for name, item in value.items()})
-    return [_figures(item) for item in value] if isinstance(value, list) else value
+    return Named(_figures(item) for item in value) if isinstance(value, list) else value
 
 
 def find_solver(solver: str | Path | None = None) -> Path:

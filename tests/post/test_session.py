@@ -40,6 +40,7 @@ def test_decks_by_text_and_by_path_find_their_files_and_take_values(tmp_path):
             assert found["a"][-1] == pytest.approx(0.1**2 / 2 / inertia)
             assert found.time[-1] == 0.1
     assert found.summary.transient.steps == 100
+    assert found.summary.scene.bodies.b.mass == found.summary.scene.bodies[0]["mass"] == 3.0
     assert found.to_dataframe("energy").columns[0] == "t_[s]"
     assert found.findings()["work of drives and loads"].endswith(" J")
     assert "<table>" in found._repr_html_()
