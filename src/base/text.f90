@@ -5,7 +5,7 @@ module text
   private
   character(*), parameter, public :: digits = '0123456789', letters = 'abcdefghijklmnopqrstuvwxyz'
   public :: lower, to_text, es_text, short_text, exact_text, fixed_text, hexadecimal, joined, listed, quoted, nearest_word, &
-    word_hash
+    meant_word, word_hash
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
   interface to_text
@@ -189,6 +189,18 @@ contains
       best = k
     end do
   end function nearest_word
+
+  !> Position in a list of the word that is meant: the nearest one, else the first that begins with the word (`damp`: damping).
+  !> 0: none.
+  pure integer function meant_word(word, words) result(best)
+    character(*), intent(in) :: word       !! misspelt word, any case
+    character(*), intent(in) :: words(:)   !! known words, lower case
+    integer :: letters
+    letters = len_trim(word)
+    best = nearest_word(word, words)
+    if (best > 0 .or. letters < 3 .or. letters >= len(words)) return
+    best = findloc(words(:)(:letters) == lower(word(:letters)), .true., 1)
+  end function meant_word
 
   !> A number in 0..2147483647 that equal words share, blanks at the end not counted.
   pure integer function word_hash(word) result(hash)

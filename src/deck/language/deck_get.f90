@@ -6,6 +6,7 @@ module deck_get
   use text, only: lower, to_text, quoted
   use deck_input, only: deck_source
   use deck_numbers, only: read_real, read_integer, whole_number
+  use expression, only: with_unit
   use deck_syntax, only: value_token, bare_value, string_value, null_value, expression_value
   implicit none (type, external)
   private
@@ -278,14 +279,18 @@ contains
     type(value_token), intent(in) :: token     !! the value
     real(wp), intent(out) :: x                 !! 0 if it is not good [as the variable]
     logical, intent(out) :: good
-    character(:), allocatable :: problem
+    character(:), allocatable :: problem, braced
     x = token%number
     good = token%form == expression_value
     if (good) return
     call check_form(deck, name, token, bare_value, 'a number', good)
     if (.not. good) return
     call read_real(deck%word(token), x, problem)
-    if (index(problem, ' 1.5e-3') > 0) problem = problem//' or {2*pi}'
+    if (index(problem, ' 1.5e-3') > 0) then
+      braced = with_unit(deck%word(token))
+      problem = problem//' or {2*pi}'
+      if (len(braced) > 0) problem = 'is not a number, expected '//braced
+    end if
     call check_word(deck, name, token, problem, good)
   end subroutine real_of
 

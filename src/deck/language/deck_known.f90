@@ -1,6 +1,6 @@
 !> The variables that a group knows, collected while they are asked for, and the required ones that it does not give.
 module deck_known
-  use text, only: nearest_word, joined
+  use text, only: meant_word, joined
   use deck_syntax, only: longest
   implicit none (type, external)
   private
@@ -72,7 +72,7 @@ contains
     character(longest) :: names(self%count)
     names = self%items(1:self%count)%name
     where (self%items(1:self%count)%given) names = ''
-    k = nearest_word(word, names)
+    k = meant_word(word, names)
   end function nearest_variable
 
   !> The variables that apply, with commas between.

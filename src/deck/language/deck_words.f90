@@ -1,7 +1,7 @@
 !> Words of a list, names and references from the open group.
 module deck_words
   use readable_text, only: printable
-  use text, only: lower, to_text, nearest_word, joined, quoted
+  use text, only: lower, to_text, meant_word, joined, quoted
   use deck_input, only: deck_source, required
   use deck_get, only: check_form, get
   use deck_kinds, only: group_names, name_characters, in_body, in_force, in_drive, in_sensor
@@ -300,7 +300,7 @@ contains
     do k = 1, size(synonyms, 2)
       if (synonyms(1, k) == lower(value)) near = max(near, findloc(words == synonyms(2, k), .true., 1))
     end do
-    if (near == 0) near = nearest_word(value, words)
+    if (near == 0) near = meant_word(value, words)
     expected = 'expected '//word_list(words)
     if (near > 0) expected = 'did you mean '//quoted(trim(words(near)))//'?'
     call deck%complain(name, name//'='//quoted(printable(value, 40))//' is not known, '//expected)

@@ -8,7 +8,7 @@ module expression
   use deck_numbers, only: read_real
   implicit none (type, external)
   private
-  public :: evaluate, find_names, is_name, is_reserved, nearest_constant
+  public :: evaluate, find_names, is_name, is_reserved, nearest_constant, with_unit
 
   integer, parameter, public :: name_letters = 33       !! more than a name may have, so that a longer one is not taken for it
   integer, parameter, public :: most_names = 100        !! in one expression
@@ -102,6 +102,22 @@ contains
     character(*), intent(in) :: word     !! any case
     yes = any(functions == lower(word)) .or. any(constants == lower(word))
   end function is_reserved
+
+  !> A number with a unit behind it as an expression, {20*mm} for 20mm; empty for any other word.
+  pure function with_unit(word) result(text)
+    character(*), intent(in) :: word
+    character(:), allocatable :: text, problem
+    real(wp) :: x                        ! the number [any]
+    integer :: k, n
+    text = ''
+    x = 0.0_wp
+    do k = 1, size(constants)
+      n = len(word) - len_trim(constants(k))
+      if (n < 1) cycle
+      call read_real(word(:n), x, problem)
+      if (len(problem) == 0 .and. lower(word(n + 1:)) == constants(k)) text = '{'//word(:n)//'*'//word(n + 1:)//'}'
+    end do
+  end function with_unit
 
   !> The constant that a misspelt word means, empty if none is near.
   pure function nearest_constant(word) result(best)
