@@ -1,10 +1,13 @@
 !> Closed loops of a modal analysis: all poles into poles.txt, whether they grow, and the margins of each loop when it is opened.
+!> Before a transient: whether a vibration grows by them.
 module loop_analysis
   use kinds, only: wp, pi
   use closed_loops, only: loop_system, most_states
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
+  use held_friction, only: set_friction
   use interruption, only: stop_if_signalled
+  use linear_state, only: linear_system
   use posix, only: remove_file
   use scene_run, only: run_state, no_output, warn
   use sorting, only: ascending
@@ -13,13 +16,41 @@ module loop_analysis
   use text_file, only: result_file
   implicit none (type, external)
   private
-  public :: run_loops
+  public :: run_loops, warn_of_loops
 
   integer, parameter :: per_decade = 40                !! frequencies at which margins are looked for
   real(wp), parameter :: negligible = 1.0e-9_wp        !! modulus of a pole that is a rigid motion's, over the largest [-]
   real(wp), parameter :: growing = 1.0e-10_wp          !! real part that is no rounding, over the modulus [-]
 
 contains
+
+  !> Warns of a vibration that loops make grow in the run, about the state as assembled: steps would follow it until limits or
+  !> friction hold it. Friction is left out, since a joint at rest hides its loop. Motions that fall over without vibrating are left
+  !> to the run, and held outputs to their samples.
+  subroutine warn_of_loops(run, text)
+    type(run_state), intent(inout) :: run
+    type(summary_record), intent(inout) :: text
+    type(stiffness_system) :: ds
+    type(loop_system) :: loops
+    complex(wp), allocatable :: lambda(:)              ! [1/s]
+    integer :: states, k
+    logical :: ok
+    associate (s => run%sys%m%s)
+      if (size(s%controllers) == 0 .or. run%d%modal%present .or. .not. run%d%transient%present) return
+      if (any(s%controllers%sample > 0.0_wp)) return
+      call set_friction(run, 'free')
+      call linear_system(run, ds)
+      call loops%build(run%sys%m, run%sys%ev, run%y(s%nq + 1:2*s%nq))
+    end associate
+    call loops%poles(ds, 0, lambda, states, ok)
+    if (.not. ok) return
+    lambda = pack(lambda, lambda%im > abs(lambda%re) .and. lambda%re*run%d%transient%t_end > 1.0_wp)
+    if (size(lambda) == 0) return
+    k = maxloc(lambda%re, 1)
+    call warn(run, 'controllers make a vibration of '//to_text(lambda(k)%im/(2*pi))//' Hz grow by '//to_text(lambda(k)%re)// &
+              ' 1/s, as assembled and with joints free of friction: steps will follow it; &modal friction=''free'' tells poles '// &
+              'and margins', text)
+  end subroutine warn_of_loops
 
   !> Poles and margins.
   subroutine run_loops(run, ds, text, fail)

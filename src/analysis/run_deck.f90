@@ -5,6 +5,7 @@ module run_deck
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use left_out_flexibility, only: flexibility_lines
+  use loop_analysis, only: warn_of_loops
   use modal_analysis, only: run_modal
   use mesh_choice, only: begin_model
   use model_choice, only: choose_model
@@ -108,6 +109,7 @@ contains
     call deck_step(run, advice, text)
     call text%close()
     call advise_stops(run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), text)
+    call warn_of_loops(run, text)
     if (step_refused(run, advice, options%check)) return
     if (options%check) then
       words = readable(text%words%all())
