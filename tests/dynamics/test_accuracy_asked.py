@@ -156,6 +156,15 @@ def test_a_robot_whose_drives_ring(biela, run_deck):
     assert re.search(r"witness: dopri5, .*, before its first row: it tells nothing", seldom.summary)
 
 
+def test_what_a_fine_tolerance_costs_is_no_reason_to_change_the_method(run_deck):
+    """dopri5 may cost four times what its stable step, or radau by the part that its pilot has done, asks for."""
+    drawn = scene(349823, 404)
+    run = run_deck(drawn.text + f"&transient t_end={drawn.time / 8} accuracy=1e-7 /\n")
+    assert [p[:2] for p in passes(run)] == [("pilot", "radau"), ("results", "dopri5"), ("results", "dopri5")]
+    assert run.figures["accuracy"]["passes"][0]["reached"] < drawn.time / 8  # the pilot was given up
+    assert run.figures["accuracy"]["kept"]
+
+
 def test_most_seconds_ends_a_search_with_what_is_there(run_deck):
     run = run_deck(BAR.format(damping="", override="", words="accuracy=1e-5 most_seconds=1e-6"))
     assert run.figures["accuracy"]["results_of_pass"] == 1

@@ -279,8 +279,9 @@ contains
   subroutine choose(self, pass)
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass     !! of the pilot
-    real(wp) :: cost                          ! of radau at the accuracy [-]
+    real(wp) :: cost                          ! of radau at the accuracy, as far as the pilot tells [-]
     cost = pass%cost*growth**log10(pass%setting/(first_setting(self, 'radau')*finer(self, pass)))
+    if (pass%outcome /= finished) cost = cost*self%output_step*ubound(self%rows%values, 2)/max(pass%reached, self%output_step)
     if (pass%outcome == finished .and. cost < self%explicit_cost) then
       self%choice = 'radau resolves the motion at less cost than the stable step of dopri5 asks for'
       if (pass%setting > first_setting(self, 'radau')) then
@@ -290,7 +291,6 @@ contains
       end if
     else
       self%choice = 'the stable step of dopri5 asks for less than radau'
-      if (pass%outcome /= finished) cost = 0.0_wp
       call add(self, pass_record(member, method='dopri5', setting=first_setting(self, 'dopri5'), &
                                  budget=hopeless*max(self%explicit_cost, cost, least_budget)))
     end if
