@@ -11,7 +11,7 @@ module left_out_flexibility
   use linear_state, only: evaluate_state
   use mechanism, only: mechanism_model
   use modal_basis, only: modal_model
-  use modal_reduction, only: static_loads
+  use modal_reduction, only: nodal_shapes, static_loads
   use scene_model, only: scene
   use scene_run, only: run_state
   use sensor, only: harmonic_motion
@@ -92,7 +92,7 @@ contains
     real(wp) :: share(run%list%columns)          !! [-]
     real(wp) :: f(b%nf, size(loaded) + 4)        ! loads [N, N m], [kg, kg m]
     real(wp) :: y(b%nf, size(loaded) + 4)        ! their static displacements [m, rad]
-    real(wp), allocatable :: psi(:, :), x(:, :)  ! modes of the reduced body, by nodal coordinates [m, rad, over kg^.5 m]
+    real(wp), allocatable :: x(:, :)             ! modes of the reduced body by nodal coordinates [m, rad, over kg^.5 m]
     real(wp), allocatable :: whole(:, :), left(:, :)   ! (columns, loads) responses of the columns [of the column]
     real(wp) :: largest(size(share))             ! [of the column]
     character(:), allocatable :: unit
@@ -104,13 +104,7 @@ contains
     if (bad) return
     select type (basis => run%sys%m%s%bodies(k)%basis)
     type is (modal_model)
-      psi = basis%psi
-      allocate (x(b%nf, size(psi, 2)))
-      do n = 1, b%nn
-        do c = 1, 3
-          if (b%dof(c, n) > 0) x(b%dof(c, n), :) = psi(3*(n - 1) + c, :)
-        end do
-      end do
+      x = basis%psi(pack([(n, n=1, 3*b%nn)], reshape(b%dof, [3*b%nn]) > 0), :)    ! coordinates are numbered node by node
       whole = responses(run, k, b, y)
       left = responses(run, k, b, y - matmul(x, matmul(transpose(x), f)/spread(basis%omega2, 2, size(f, 2))))
     end select
@@ -133,7 +127,7 @@ contains
     type(harmonic_motion) :: motion
     real(wp) :: values(run%list%columns)         ! [of the column]
     complex(wp) :: amplitudes(run%list%columns)  ! [of the column]
-    integer :: j, n, c
+    integer :: j
     call evaluate_state(run%sys, run%sys%options, run%y)
     call read_sensors(run%list, run%sys%m, run%sys%ev, run%y, values)
     m = run%sys%m
@@ -142,12 +136,7 @@ contains
     do j = 1, size(y, 2)
       select type (basis => m%s%bodies(k)%basis)
       type is (modal_model)
-        basis%psi(:, 1) = 0.0_wp
-        do n = 1, b%nn
-          do c = 1, 3
-            if (b%dof(c, n) > 0) basis%psi(3*(n - 1) + c, 1) = y(b%dof(c, n), j)
-          end do
-        end do
+        basis%psi(:, 1:1) = nodal_shapes(b, y(:, j:j))
       end select
       call read_linear_sensors(run%list, m, run%sys%ev, run%y, motion, amplitudes)
       columns(:, j) = merge(0.0_wp, real(amplitudes, wp), index(run%list%names(:size(values)), 'kg^.5') > 0)

@@ -6,10 +6,9 @@ module loop_analysis
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
   use held_friction, only: set_friction
-  use interruption, only: stop_if_signalled
   use linear_state, only: linear_system
   use posix, only: remove_file
-  use scene_run, only: run_state, no_output, warn
+  use scene_run, only: run_state, no_output, warn, stop_if_signalled
   use sorting, only: ascending
   use summary_text, only: summary_record
   use text, only: to_text

@@ -16,26 +16,16 @@ contains
     real(wp), intent(in) :: frequencies(:)        !! [Hz]
     character(:), allocatable :: text
     logical :: outside(size(frequencies))
-    integer :: k
+    integer :: b, k
     text = ''
     do k = 1, size(run%d%materials)
       associate (band => run%d%materials(k)%band)
         outside = frequencies < band(1) .or. frequencies > band(2)
-        if (.not. any(outside) .or. .not. acts(k)) cycle
+        if (.not. any(outside) .or. .not. any([(feels(run, b, k), b=1, size(run%d%bodies))])) cycle
         text = text//warning(run, k, to_text(count(outside))//' of '//to_text(size(frequencies))//' '//what//', from '// &
                   figure(minval(frequencies, outside))//' to '//figure(maxval(frequencies, outside))//' Hz, lie')
       end associate
     end do
-  contains
-    !> Whether a flexible body feels the terms of a material that states a band.
-    logical function acts(k)
-      integer, intent(in) :: k
-      integer :: b
-      acts = .false.
-      do b = 1, size(run%d%bodies)
-        acts = acts .or. feels(run, b, k)
-      end do
-    end function acts
   end function outside_band
 
   !> Warnings, where the elastic motion of a body is slower or faster than the band of its material.

@@ -5,7 +5,6 @@ module modal_analysis
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
   use held_friction, only: set_friction, tell_friction
-  use interruption, only: stop_if_signalled
   use loop_analysis, only: run_loops
   use linear_state, only: linear_system, refuse_uneven, at_equilibrium
   use mode_file, only: write_modes, mode_figures
@@ -13,7 +12,7 @@ module modal_analysis
   use mode_list, only: mode_set, vibration_mode
   use pole_check, only: say_what_is_missing
   use posix, only: remove_file
-  use scene_run, only: run_state, no_output
+  use scene_run, only: run_state, no_output, stop_if_signalled
   use summary, only: add_warnings
   use summary_text, only: summary_record
   use readable_text, only: json_text

@@ -7,12 +7,11 @@ module response_analysis
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
   use held_friction, only: set_friction, tell_friction
-  use interruption, only: stop_if_signalled
   use linear_state, only: linear_system, refuse_uneven
   use linearisation, only: marker_jacobian
   use material_band, only: outside_band
   use evaluation_results, only: conditions_of
-  use scene_run, only: run_state, no_output
+  use scene_run, only: run_state, no_output, stop_if_signalled
   use sensor, only: harmonic_motion
   use sensors, only: read_sensors, read_linear_sensors
   use summary, only: add_warnings

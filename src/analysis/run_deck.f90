@@ -33,7 +33,7 @@ module run_deck
   use accuracy_run, only: run_to_accuracy
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
-  use typical_slips, only: warn_of_slips
+  use typical_mistakes, only: warn_of_mistakes
   use validity, only: thick_beams
   implicit none (type, external)
   private
@@ -93,7 +93,7 @@ contains
     end if
     text = summary_record()
     call tell_warnings(text, path, model_warnings(run%sys%m, run%assembly))
-    call warn_of_slips(run%d, options%check)
+    call warn_of_mistakes(run%d, options%check)
     call model_lines(run%d, run%sys%m, run%assembly, text)
     if (run%model_found) call text%append(run%model_words)
     if (options%check) call mobility_lines(run%d, text)

@@ -3,27 +3,28 @@
 module scene_run
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use errors, only: failure, fault_list, status_no_output
+  use errors, only: failure, fault_list, status_no_output, status_signal
   use evaluation_settings, only: usual_options
   use deck_mesh, only: set_mesh
   use deck_records, only: deck
   use build_scene, only: build
-  use assembly, only: assemble
   use assembly_conflict, only: explain_open_joints, deck_line_of
   use assembly_reports, only: assembly_report
   use controls, only: rest_controls
-  use mechanism_setup, only: set_up_mechanism
   use mechanism_ode, only: mechanism_system
+  use process, only: caught_signal
   use scene_model, only: scene
   use sensors, only: sensor_list, set_up_sensors
   use step_monitor, only: stability_monitor
   use tableaux, only: method_names
+  use text, only: to_text
+  use trial_scene, only: assemble_scene
   use summary, only: add_warnings
   use summary_text, only: summary_record
   use validity, only: validity_watch
   implicit none (type, external)
   private
-  public :: run_state, prepare_run, assemble_run, relax, warn, no_output
+  public :: run_state, prepare_run, assemble_run, relax, warn, no_output, stop_if_signalled
 
   !> What analyses share.
   type :: run_state
@@ -96,21 +97,16 @@ contains
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: q(:), v(:)       !! (nq) [m, rad] and per second
     type(mechanism_system) :: sys
-    type(assembly_report) :: assembly
     type(sensor_list) :: list
     run%sys = sys
-    run%assembly = assembly
     run%list = list
-    call set_up_mechanism(run%sys%m, run%sys%ev, s)
+    call assemble_scene(s, run%sys%m, run%sys%ev, q, run%assembly, fail, v)
     run%sys%n = s%ny
     run%y = spread(0.0_wp, 1, s%ny)
-    allocate (q(s%nq), v(s%nq))
-    call assemble(run%sys%m, run%sys%ev, q, v, run%assembly, fail)
     if (run%assembly%open) call explain_open_joints(run%d, fail)
     if (run%assembly%culprit > 0) fail%deck_line = deck_line_of(run%d, run%assembly%culprit)
     if (fail%happened()) return
-    run%y(1:s%nq) = q
-    run%y(s%nq + 1:2*s%nq) = v
+    run%y(1:2*s%nq) = [q, v]
     run%sys%options = usual_options(s)
     call relax(run%sys, run%sys%options%prestress, run%y)
     call set_up_sensors(run%d, run%sys%m, run%list)
@@ -132,6 +128,14 @@ contains
     call fail%raise(status_no_output, 'results cannot be written into "'//run%folder//'": the disk may be full or the '// &
                     'folder protected')
   end subroutine no_output
+
+  !> Fails where a signal has come in an analysis that has no checkpoint: what it found so far is written.
+  subroutine stop_if_signalled(analysis, fail)
+    character(*), intent(in) :: analysis      !! which one
+    type(failure), intent(inout) :: fail
+    if (caught_signal() > 0) call fail%raise(status_signal + caught_signal(), 'stopped by signal '// &
+      to_text(caught_signal())//' in the '//analysis//', whose results may be incomplete; run the deck again')
+  end subroutine stop_if_signalled
 
   !> Relaxed internal variables: equal to the deformation they follow (theory.md, section 5); no analysis gives them rates but
   !> the transient, which is the last.

@@ -35,16 +35,18 @@ contains
   end subroutine assemble_deck
 
   !> Sets up the mechanism of a scene and assembles it.
-  subroutine assemble_scene(s, self, ev, q, report, fail)
+  subroutine assemble_scene(s, m, ev, q, report, fail, v)
     type(scene), intent(in) :: s
-    type(mechanism_model), intent(out) :: self
+    type(mechanism_model), intent(out) :: m
     type(evaluation), intent(out) :: ev
     real(wp), allocatable, intent(out) :: q(:)      !! (nq) assembled positions [m, rad]
     type(assembly_report), intent(out) :: report
     type(failure), intent(inout) :: fail
-    real(wp) :: v(s%nq)                             ! [m/s, rad/s]
-    call set_up_mechanism(self, ev, s)
+    real(wp), allocatable, intent(out), optional :: v(:)   !! (nq) their rates [m/s, rad/s]
+    real(wp) :: rates(s%nq)                         ! [m/s, rad/s]
+    call set_up_mechanism(m, ev, s)
     allocate (q(s%nq))
-    call assemble(self, ev, q, v, report, fail)
+    call assemble(m, ev, q, rates, report, fail)
+    if (present(v)) v = rates
   end subroutine assemble_scene
 end module trial_scene

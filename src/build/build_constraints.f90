@@ -8,11 +8,10 @@ module build_constraints
   use errors, only: fault_list
   use friction_law, only: coulomb_law, on_pin, on_line, on_pads
   use friction_row, only: friction_model
-  use gear_joint, only: gear_model
   use history, only: history_model, breakpoint
   use line_joint, only: line_model
   use pin_joint, only: pin_model
-  use rotation_drive, only: rotation_model
+  use angle_joints, only: gear_model, rotation_model
   use scene_model, only: scene
   use text, only: short_text
   implicit none (type, external)

@@ -21,7 +21,7 @@ module quantity
     procedure :: value
     procedure :: gradient
     procedure :: rounding
-    procedure(list_components), deferred :: components
+    procedure :: components => both_places
   end type quantity_model
 
   abstract interface
@@ -34,13 +34,6 @@ module quantity
       real(wp), intent(out) :: xd          !! [m/s] or [rad/s]
       real(wp), intent(out) :: g(6)        !! global axes [-], [m]
     end subroutine measure_motion
-
-    !> What x and its rate depend on: components 1 to 3 of marker a, 4 to 6 of b.
-    pure function list_components(self) result(list)
-      import :: quantity_model
-      class(quantity_model), intent(in) :: self
-      integer, allocatable :: list(:)
-    end function list_components
   end interface
 
   !> Makes an array of different kinds possible.
@@ -60,7 +53,6 @@ module quantity
   type, extends(quantity_model), public :: distance_quantity
   contains
     procedure :: measure => distance
-    procedure :: components => both_places
     procedure :: curvature => distance_curvature
   end type distance_quantity
 
@@ -69,7 +61,6 @@ module quantity
   type, extends(quantity_model), public :: elastic_quantity
   contains
     procedure :: measure => displacement
-    procedure :: components => place_and_frame
     procedure :: curvature => axis_curvature
   end type elastic_quantity
 
@@ -127,6 +118,13 @@ contains
     end if
   end function rounding
 
+  !> What x and its rate depend on, components 1 to 3 of marker a, 4 to 6 of b: most on the places of both.
+  pure function both_places(self) result(list)
+    class(quantity_model), intent(in) :: self
+    integer, allocatable :: list(:)
+    list = [1, 2, 4, 5]
+  end function both_places
+
   !> Most quantities are linear in positions and angles.
   pure subroutine no_curvature(self, p, h)
     class(quantity_model), intent(in) :: self
@@ -172,13 +170,6 @@ contains
     call distance_between(p, self%ia, self%ib, x, xd, g)
   end subroutine distance
 
-  !> The places of both markers.
-  pure function both_places(self) result(list)
-    class(distance_quantity), intent(in) :: self
-    integer, allocatable :: list(:)
-    list = [1, 2, 4, 5]
-  end function both_places
-
   !> Straight where the markers coincide and have no direction.
   pure subroutine distance_curvature(self, p, h)
     class(distance_quantity), intent(in) :: self
@@ -202,13 +193,6 @@ contains
     xd = dot_product(n, p%v(:, self%ia) - p%v(:, self%ib))
     g = [n, 0.0_wp, -n, 0.0_wp]
   end subroutine displacement
-
-  !> The places of both; a turn of the frame alone takes a's with it.
-  pure function place_and_frame(self) result(list)
-    class(elastic_quantity), intent(in) :: self
-    integer, allocatable :: list(:)
-    list = [1, 2, 4, 5]
-  end function place_and_frame
 
   !> The axis turns with the body.
   pure subroutine axis_curvature(self, p, h)

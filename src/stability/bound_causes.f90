@@ -60,12 +60,10 @@ contains
     type(fast_mode), intent(in) :: f
     real(wp), intent(in) :: spring_part      !! of the mode's damping [1/s]
     type(bound_cause), intent(inout) :: cause
-    cause%rayleigh = cause%body > 0 .and. spring_part < 0.5_wp*f%damping
-    if (spring_part < 0.5_wp*f%damping) then
-      cause%what = 'Rayleigh damping of '//cause%what
-    else
-      cause%what = 'dampers on '//cause%what
-    end if
+    associate (by_material => spring_part < 0.5_wp*f%damping)
+      cause%rayleigh = cause%body > 0 .and. by_material
+      cause%what = trim(merge('Rayleigh damping of', 'dampers on         ', by_material))//' '//cause%what
+    end associate
   end subroutine name_damping
 
   !> The material or spring of a segment's poles, with the number of its fastest term.

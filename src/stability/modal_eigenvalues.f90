@@ -5,7 +5,7 @@ module modal_eigenvalues
   use reduced_system, only: reduced_model, reduced_poles
   implicit none (type, external)
   private
-  public :: modal_roots, find_mode_pair, term_poles, instantaneous_pair, refine_root, added_stiffness
+  public :: modal_roots, find_mode_pair, term_poles, pair_of, refine_root, added_stiffness
 
   integer, parameter :: most_terms = 60          !! terms of a mode up to which all its eigenvalues are computed
 
@@ -26,43 +26,37 @@ contains
     kept = pack([(r, r=1, size(segments))], parts > small)
     ok = .false.
     if (sum([(size(segments(kept(r))%law%alpha), r=1, size(kept))]) > most_terms) then
-      call mode_pair(segments, kept, k, c, parts, roots, ok)
+      call mode_pair(segments(kept), k, c, parts(kept), roots, ok)
     end if
-    if (.not. ok) call all_roots(segments, kept, k, c, parts, roots)
+    if (.not. ok) call all_roots(segments(kept), k, c, parts(kept), roots)
   end subroutine modal_roots
 
   !> The two roots near those of the instantaneous stiffness, by Newton's method.
-  subroutine mode_pair(segments, kept, k, c, parts, roots, ok)
+  subroutine mode_pair(segments, k, c, parts, roots, ok)
     type(linear_segment), intent(in) :: segments(:)
-    integer, intent(in) :: kept(:)             !! those that count
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
     complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     logical, intent(out) :: ok
-    complex(wp) :: pair(2)                     ! [1/s]
     integer :: i
-    allocate (roots(2))
-    pair = instantaneous_pair(segments(kept), k, c, parts(kept))
+    roots = pair_of(k + added_stiffness(segments, parts), c)
     do i = 1, 2
-      call refine_root(segments(kept), k, c, parts(kept), pair(i), ok)
+      call refine_root(segments, k, c, parts, roots(i), ok)
       if (.not. ok) return
     end do
-    roots = pair
     ok = abs(roots(1) - roots(2)) > 1.0e-6_wp*abs(roots(1))
   end subroutine mode_pair
 
-  !> The pair of a mode at instantaneous stiffness; of two that decay the faster one is the second.
-  pure function instantaneous_pair(segments, k, c, parts) result(pair)
-    type(linear_segment), intent(in) :: segments(:)
-    real(wp), intent(in) :: k                  !! static stiffness [1/s2]
-    real(wp), intent(in) :: c                  !! damping [1/s]
-    real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
+  !> The roots of s2 + c s + k; of two that decay the faster one is the second.
+  pure function pair_of(k, c) result(pair)
+    real(wp), intent(in) :: k                  !! [1/s2]
+    real(wp), intent(in) :: c                  !! [1/s]
     complex(wp) :: pair(2)                     !! [1/s]
     complex(wp) :: half                        ! of what lies between the two [1/s]
-    half = sqrt(cmplx(c**2/4 - k - added_stiffness(segments, parts), 0.0_wp, wp))
+    half = sqrt(cmplx(c**2/4 - k, 0.0_wp, wp))
     pair = [-c/2 + half, -c/2 - half]
-  end function instantaneous_pair
+  end function pair_of
 
   !> What viscoelastic terms add to a mode's stiffness at once [1/s2].
   pure function added_stiffness(segments, parts) result(k)
@@ -105,9 +99,8 @@ contains
   end subroutine refine_root
 
   !> All roots in which the motion takes part, as poles of a system of one motion.
-  subroutine all_roots(segments, kept, k, c, parts, roots)
+  subroutine all_roots(segments, k, c, parts, roots)
     type(linear_segment), intent(in) :: segments(:)
-    integer, intent(in) :: kept(:)             !! those that count
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
@@ -121,11 +114,9 @@ contains
     model%k = reshape([k], [1, 1])
     model%g = 0*model%k
     model%c = reshape([c], [1, 1])
-    model%part = reshape(parts(kept), [1, 1, size(kept)])
-    allocate (model%scale(1), model%law(size(kept)))
-    do r = 1, size(kept)
-      model%law(r) = segments(kept(r))%law
-    end do
+    model%part = reshape(parts, [1, 1, size(parts)])
+    allocate (model%scale(1))
+    model%law = [(segments(r)%law, r=1, size(parts))]
     call model%find_scale()
     call poles%find(model, [1], .true., ok)
     roots = [poles%lambda, conjg(pack(poles%lambda, poles%lambda%im > 0.0_wp))]
@@ -137,14 +128,14 @@ contains
     real(wp), intent(in) :: square             !! its squared frequency at instantaneous stiffness [rad2/s2]
     real(wp), intent(in) :: c                  !! its damping [1/s]
     logical, allocatable, intent(out) :: is_mode(:)
-    complex(wp) :: half                        ! of what lies between the two [1/s]
+    complex(wp) :: pair(2)                     ! [1/s]
     integer :: k
-    half = sqrt(cmplx(c**2/4 - square, 0.0_wp, wp))
+    pair = pair_of(square, c)
     allocate (is_mode(size(roots)), source=size(roots) == 2)
     if (size(roots) == 0) return
-    k = minloc(abs(roots - (-c/2 - half)), dim=1)        ! the faster one of two that decay
+    k = minloc(abs(roots - pair(2)), dim=1)        ! the faster one of two that decay
     is_mode = is_mode .or. min(abs(roots - roots(k)), abs(roots - conjg(roots(k)))) <= 1.0e-9_wp*abs(roots(k))
-    if (count(is_mode) == 1) is_mode(minloc(abs(roots - (half - c/2)), dim=1, mask=.not. is_mode)) = .true.
+    if (count(is_mode) == 1) is_mode(minloc(abs(roots - pair(1)), dim=1, mask=.not. is_mode)) = .true.
   end subroutine find_mode_pair
 
   !> Poles of a segment's terms in a motion that its material or spring alone holds.
@@ -154,7 +145,7 @@ contains
     complex(wp), allocatable, intent(out) :: poles(:)    !! [1/s]
     complex(wp), allocatable :: roots(:)
     logical, allocatable :: is_mode(:)
-    call all_roots([segment], [1], lambda, 0.0_wp, [lambda], roots)
+    call all_roots([segment], lambda, 0.0_wp, [lambda], roots)
     call find_mode_pair(roots, lambda*(1 + sum(segment%law%alpha)), 0.0_wp, is_mode)
     poles = pack(roots, .not. is_mode)
   end subroutine term_poles

@@ -13,14 +13,9 @@ contains
     integer, intent(in) :: method          !! number in method_names
     complex(wp), intent(in) :: u           !! |u| = 1 [-]
     real(wp) :: c(12)                      !! [-]
-    complex(wp) :: power                   ! of u [-]
     real(wp) :: turned(0:6)                ! real parts of its powers [-]
     integer :: j, k
-    power = 1.0_wp
-    do k = 0, 6
-      turned(k) = real(power, wp)
-      power = power*u
-    end do
+    turned = real(u**[(k, k=0, 6)], wp)
     c = 0.0_wp
     do k = 0, 6
       do j = max(0, 1 - k), 6

@@ -187,14 +187,6 @@ contains
     text = 'warning: '//stage//'body "'//trim(body%name)//'" '//what//' '//number//' '//rest//new_line('a')
   end function sentence
 
-  !> Lowest frequency of the body under its reference conditions [rad/s].
-  function lowest_frequency(b) result(omega)
-    type(body_model), intent(in) :: b
-    real(wp) :: omega
-    real(wp), allocatable :: x(:)
-    call lowest_mode(b, omega, x)
-  end function lowest_frequency
-
   !> Adds the body's lowest mode to its elastic coordinates, as large as the linear frame holds.
   subroutine bend_to_limit(b, q)
     type(body_model), intent(in) :: b
@@ -202,7 +194,7 @@ contains
     real(wp), allocatable :: x(:)
     real(wp) :: omega, u(3), most
     integer :: k
-    call lowest_mode(b, omega, x)
+    omega = lowest_frequency(b, x)
     if (.not. omega < huge(1.0_wp)) return
     most = 0.0_wp
     do k = 1, b%nn
@@ -212,18 +204,17 @@ contains
     if (most > 0.0_wp) q = q + x/most
   end subroutine bend_to_limit
 
-  !> Lowest mode and frequency under the reference conditions, by inverse iteration; the largest number where there is none.
-  subroutine lowest_mode(b, omega, x)
+  !> Lowest frequency under the reference conditions, and its mode, by inverse iteration; huge where there is none [rad/s].
+  function lowest_frequency(b, shape) result(omega)
     type(body_model), intent(in) :: b
-    real(wp), intent(out) :: omega                   !! [rad/s]
-    real(wp), allocatable, intent(out) :: x(:)       !! (nf) shape of that mode, of any size [m, rad]
+    real(wp), allocatable, intent(out), optional :: shape(:)   !! (nf) that mode, of any size [m, rad]
+    real(wp) :: omega
     type(band_factor) :: factor
-    real(wp), allocatable :: mx(:), force(:)
+    real(wp), dimension(b%nf) :: x, mx, force
     real(wp) :: work(2, b%nf)
     integer :: k, pass
     logical :: bad
     omega = huge(1.0_wp)
-    allocate (x(b%nf), mx(b%nf))
     call factor_entries(b%op%symmetric, b%op%k, factor, bad)
     if (bad) return
     x = [(1.0_wp + 0.3_wp*sin(1.7_wp*k), k=1, b%nf)]
@@ -236,7 +227,8 @@ contains
       omega = sqrt(dot_product(x, force)/dot_product(x, mx))
       x = x/sqrt(dot_product(x, mx))
     end do
-  end subroutine lowest_mode
+    if (present(shape)) shape = x
+  end function lowest_frequency
 
   !> Part by which shear and rotary inertia would lower the highest frequency in bending that is kept, or of a mesh the lowest,
   !> which is surely in use: Timoshenko's first correction k2 r2 (1 + E/(kappa G))/2 of a wave of that frequency,

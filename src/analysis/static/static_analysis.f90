@@ -12,9 +12,8 @@ module static_analysis
   use linear_matrices, only: linear_mechanism
   use force_element, only: by_position, element_action, held, stage_static
   use impacts, only: close_entered
-  use interruption, only: stop_if_signalled
   use natural_modes, only: lowest_natural_modes, rounding_level
-  use scene_run, only: run_state, no_output
+  use scene_run, only: run_state, no_output, stop_if_signalled
   use sensors, only: read_sensors
   use summary, only: add_warnings
   use summary_text, only: summary_record

@@ -3,11 +3,10 @@ module choose_stepper
   use kinds, only: wp
   use adaptive_pair, only: adaptive_stepper
   use alpha_stepper, only: alpha_march
-  use breakpoint_list, only: scene_breakpoints
   use deck_records, only: transient_record
   use error_groups, only: group_unknowns
   use fixed_step, only: fixed_stepper
-  use history, only: breakpoint
+  use history, only: breakpoint, merged
   use radau_stepper, only: radau_march
   use scene_model, only: scene
   use tableaux, only: tableau, method_tableau
@@ -65,17 +64,28 @@ contains
     end select
   end subroutine make_stepper
 
-  !> Times that end a step, the breakpoints of histories and the end of the run, and whether accelerations jump there. Fixed steps
-  !> end at breakpoints that the method's order feels; those by the error also at one that its estimate feels.
+  !> Times that end a step: the breakpoints of histories of loads, drives and controllers, and the end of the run; and whether
+  !> accelerations jump there. Orders of breakpoints are those of accelerations. Fixed steps end at breakpoints that the method's
+  !> order feels; those by the error also at one that its estimate feels.
   subroutine stop_times(r, s, stops, jumps)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s
     real(wp), allocatable, intent(out) :: stops(:)     !! [s]
     logical, allocatable, intent(out) :: jumps(:)
-    type(breakpoint), allocatable :: breakpoints(:)
+    type(breakpoint), allocatable :: list(:)
     integer :: k
-    call scene_breakpoints(s, r%t_end, method_order(r%method) - merge(0, 2, r%adaptive), breakpoints)
-    stops = [(breakpoints(k)%time, k=1, size(breakpoints)), r%t_end]
-    jumps = [(breakpoints(k)%order == 0, k=1, size(breakpoints)), .false.]
+    allocate (list(0))
+    do k = 1, size(s%forces)
+      list = merged(list, s%forces(k)%item%breakpoints(r%t_end))
+    end do
+    do k = 1, size(s%constraints)
+      list = merged(list, s%constraints(k)%item%breakpoints(r%t_end))
+    end do
+    do k = 1, size(s%controllers)
+      list = merged(list, s%controllers(k)%breakpoints(r%t_end))
+    end do
+    list = pack(list, list%order <= method_order(r%method) - merge(0, 2, r%adaptive))
+    stops = [list%time, r%t_end]
+    jumps = [list%order == 0, .false.]
   end subroutine stop_times
 end module choose_stepper

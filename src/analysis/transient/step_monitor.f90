@@ -11,7 +11,7 @@ module step_monitor
   use mechanism, only: mechanism_model
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use tableaux, only: method_names
-  use modal_eigenvalues, only: instantaneous_pair, refine_root
+  use modal_eigenvalues, only: added_stiffness, pair_of, refine_root
   use stability_region, only: largest_step
   use step_bounds, only: step_bound, find_bound, add_mode_bound, step_of
   implicit none (type, external)
@@ -160,7 +160,7 @@ contains
       call iterate(self, m, ev, k, ok)
       if (.not. ok) cycle
       associate (f => self%mode, segments => self%fast%lin%segments)
-        roots = instantaneous_pair(segments, f%stiffness, f%damping, f%segments)
+        roots = pair_of(f%stiffness + added_stiffness(segments, f%segments), f%damping)
         if (self%motions(k)%segment > 0) roots = self%motions(k)%pole
         do i = 1, 2
           guess = roots(i)
@@ -228,5 +228,4 @@ contains
     call a%exchange(self%at)
     call a%exchange(self%cause)
   end subroutine monitor_exchange
-
 end module step_monitor

@@ -118,16 +118,10 @@ contains
     real(wp), intent(in) :: a(:)                   !! (entries) [any]
     real(wp), intent(in) :: x(:), y(:)             !! (n) [any]
     real(wp) :: total                              !! [any]
-    real(wp) :: s
-    integer :: i, k
-    total = 0.0_wp
-    do i = 1, size(x)
-      s = 0.0_wp
-      do k = pattern%first(i), pattern%first(i + 1) - 1
-        s = s + a(k)*y(pattern%row(k))
-      end do
-      total = total + x(i)*s
-    end do
+    real(wp) :: ay(size(y))                        ! A y [any]
+    ay = 0.0_wp
+    call add_product(pattern, a, y, ay)
+    total = dot_product(x, ay)
   end function bilinear
 
   !> y <- y + A x, A given by its entries on a pattern.

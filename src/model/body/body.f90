@@ -60,14 +60,14 @@ module body
     procedure(to_forces), deferred :: add_stress
     procedure :: add_forces => operator_forces
     procedure :: turned_moment => no_moment
-    procedure(to_accelerations), deferred :: solve_mass
+    procedure :: solve_mass => unit_mass
     procedure(to_parts), deferred :: strain_parts
     procedure(to_largest), deferred :: largest_force
     procedure(to_element), deferred :: element_strain
     procedure(to_tangent), deferred :: add_stiffness
     procedure(to_displacement), deferred :: displacement
     procedure(to_marker), deferred :: attach
-    procedure(to_same), deferred :: same
+    procedure :: same => shares_nothing
   end type elastic_basis
 
   !> One rigid or flexible body.
@@ -134,16 +134,6 @@ module body
       real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) entry 0 is thrown away [N, N m]
     end subroutine to_forces
 
-    !> m_ff^-1 x, and m_ff^-1 y, in place.
-    pure subroutine to_accelerations(self, n, work, x, y)
-      import :: elastic_basis, wp
-      class(elastic_basis), intent(in) :: self
-      integer, intent(in) :: n                        !! nf
-      real(wp), intent(inout) :: work(2, n)           !! [any]
-      real(wp), intent(inout) :: x(n)                 !! [N, N m], then [m/s2, rad/s2]
-      real(wp), intent(inout), optional :: y(n)       !! likewise [N, N m]
-    end subroutine to_accelerations
-
     !> Twice the strain energy at E_R, axial and in bending, of deformations or else of the linear strain; of modes all is bending.
     pure function to_parts(self, b, q, d) result(parts)
       import :: elastic_basis, body_model, wp
@@ -203,12 +193,6 @@ module body
       type(body_model), intent(in) :: b
       type(marker_model), intent(inout) :: p
     end subroutine to_marker
-
-    !> Whether another body with the same integrals has the same constants in its basis.
-    pure logical function to_same(self, other)
-      import :: elastic_basis
-      class(elastic_basis), intent(in) :: self, other
-    end function to_same
   end interface
 
 contains
@@ -240,6 +224,21 @@ contains
                 source=0.0_wp)
     end associate
   end subroutine allocate_work
+
+  !> m_ff^-1 x, and m_ff^-1 y, in place: nothing to do where m_ff is the unit matrix.
+  pure subroutine unit_mass(self, n, work, x, y)
+    class(elastic_basis), intent(in) :: self
+    integer, intent(in) :: n                        !! nf
+    real(wp), intent(inout) :: work(2, n)           !! [any]
+    real(wp), intent(inout) :: x(n)                 !! [N, N m], then [m/s2, rad/s2]
+    real(wp), intent(inout), optional :: y(n)       !! likewise [N, N m]
+  end subroutine unit_mass
+
+  !> Whether another body with the same integrals has the same constants in its basis; modal bodies share none.
+  pure logical function shares_nothing(self, other) result(same)
+    class(elastic_basis), intent(in) :: self, other
+    same = .false.
+  end function shares_nothing
 
   !> turned . (elastic forces that deformations ask for), see `shape_integrals`: none in modes, whose coordinates do not turn.
   pure function no_moment(self, b, d, ds, q) result(moment)

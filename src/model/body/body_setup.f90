@@ -42,22 +42,13 @@ contains
   pure subroutine number_coordinates(b, removed)
     type(body_model), intent(inout) :: b
     logical, intent(in) :: removed(:, :)   !! (3, nn) coordinates stopped by the reference conditions
-    integer :: k, c, e
-    allocate (b%dof(3, b%nn), b%edof(6, b%ne))
-    b%nf = 0
-    do k = 1, b%nn
-      do c = 1, 3
-        b%dof(c, k) = 0
-        if (removed(c, k)) cycle
-        if (c == 1 .and. .not. b%axial) cycle
-        b%nf = b%nf + 1
-        b%dof(c, k) = b%nf
-      end do
-    end do
-    do e = 1, b%ne
-      b%edof(1:3, e) = b%dof(:, b%en(1, e))
-      b%edof(4:6, e) = b%dof(:, b%en(2, e))
-    end do
+    logical :: kept(3, b%nn)
+    integer :: k
+    kept = .not. removed
+    if (.not. b%axial) kept(1, :) = .false.
+    b%nf = count(kept)
+    b%dof = unpack([(k, k=1, b%nf)], kept, 0)
+    b%edof = reshape(b%dof(:, reshape(b%en, [2*b%ne])), [6, b%ne])
   end subroutine number_coordinates
 
   !> S-bar, I1f and c0 of the nodal coordinates (theory.md, section 2), lumps included.

@@ -16,14 +16,12 @@ module modal_basis
   contains
     procedure :: deform
     procedure :: add_stress
-    procedure :: solve_mass
     procedure :: strain_parts
     procedure :: largest_force
     procedure :: element_strain
     procedure :: add_stiffness
     procedure :: displacement
     procedure :: attach
-    procedure :: same
   end type modal_model
 
 contains
@@ -56,15 +54,6 @@ contains
       end do
     end do
   end subroutine add_stress
-
-  !> Nothing to solve: m_ff = 1.
-  pure subroutine solve_mass(self, n, work, x, y)
-    class(modal_model), intent(in) :: self
-    integer, intent(in) :: n
-    real(wp), intent(inout) :: work(2, n)           !! [any]
-    real(wp), intent(inout) :: x(n)                 !! [kg^.5 m/s2]
-    real(wp), intent(inout), optional :: y(n)       !! [kg^.5 m/s2]
-  end subroutine solve_mass
 
   !> All strain energy counts as bending.
   pure function strain_parts(self, b, q, d) result(parts)
@@ -142,11 +131,4 @@ contains
     type(marker_model), intent(inout) :: p
     p%psi = self%psi(3*p%node - 2:3*p%node, :)
   end subroutine attach
-
-  !> No modal body shares its numbers with another.
-  pure logical function same(self, other)
-    class(modal_model), intent(in) :: self
-    class(elastic_basis), intent(in) :: other
-    same = .false.
-  end function same
 end module modal_basis

@@ -12,7 +12,7 @@ module modal_reduction
   use modal_basis, only: modal_model
   implicit none (type, external)
   private
-  public :: reduce_to_modes, static_loads
+  public :: reduce_to_modes, static_loads, nodal_shapes
 
 contains
 
@@ -160,10 +160,10 @@ contains
     end do
   end function projected
 
-  !> Displacements of every node in every mode.
+  !> Displacements of every node (u, v, rotation) by columns of nodal coordinates.
   pure function nodal_shapes(b, x) result(psi)
     type(body_model), intent(in) :: b
-    real(wp), intent(in) :: x(:, :)   !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
+    real(wp), intent(in) :: x(:, :)   !! (nf, columns) [m, rad, or modes]
     real(wp) :: psi(3*b%nn, size(x, 2))
     integer :: k, c
     psi = 0.0_wp

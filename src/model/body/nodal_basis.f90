@@ -128,15 +128,10 @@ contains
     real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
     real(wp), intent(in) :: factor                  !! 1, or -1 for forces that they exert [-]
     real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) [N, N m], entry 0 is thrown away
-    real(wp) :: y(6), a(6), psi
+    real(wp) :: y(6)
     integer :: e, k
-    psi = 0.0_wp
     do e = 1, b%ne
-      if (b%stiffening) then
-        call gather(self, b, e, q, a)
-        psi = (a(5) - a(2))*self%constants(2, e)
-      end if
-      y = nodal_forces(self, b, e, d(:, e), ds(:, e), psi)
+      y = nodal_forces(self, b, e, d(:, e), ds(:, e), q)
       do k = 1, 6
         f(b%edof(k, e)) = f(b%edof(k, e)) + factor*y(k)
       end do
@@ -151,10 +146,9 @@ contains
     real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! (nd, ne) deformations, and with terms' differences [m, rad, rad]
     real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
     real(wp) :: moment                              !! [N m]
-    real(wp) :: a(6), psi
+    real(wp) :: a(6)
     integer :: e, k
     moment = 0.0_wp
-    psi = 0.0_wp
     if (.not. b%shape%split) return
     if (b%stiffening) then
       do e = 1, b%ne
@@ -164,22 +158,24 @@ contains
     end if
     do k = 1, size(b%shape%rest_element)
       e = b%shape%rest_element(k)
-      if (b%stiffening) then
-        call gather(self, b, e, q, a)
-        psi = (a(5) - a(2))*self%constants(2, e)
-      end if
-      moment = moment - dot_product(b%shape%rest(:, k), nodal_forces(self, b, e, d(:, e), ds(:, e), psi))
+      moment = moment - dot_product(b%shape%rest(:, k), nodal_forces(self, b, e, d(:, e), ds(:, e), q))
     end do
   end function turned_moment
 
   !> Forces on the nodes of an element that its deformations ask for, body axes.
-  pure function nodal_forces(self, b, e, d, ds, psi) result(y)
+  pure function nodal_forces(self, b, e, d, ds, q) result(y)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     integer, intent(in) :: e
     real(wp), intent(in) :: d(:), ds(:)             !! (nd) [m, rad, rad]
-    real(wp), intent(in) :: psi                     !! [rad]
-    real(wp) :: y(6), s(4)                          !! [N, N m]
+    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, for stiffening [m, rad]
+    real(wp) :: y(6)                                !! [N, N m]
+    real(wp) :: s(4), a(6), psi                     ! [N, N m], [m, rad], turn of the chord [rad]
+    psi = 0.0_wp
+    if (b%stiffening) then
+      call gather(self, b, e, q, a)
+      psi = (a(5) - a(2))*self%constants(2, e)
+    end if
     s = element_stress(b, e, d, ds, psi)
     y = [-s(1), s(2), s(3), s(1), -s(2), s(4)]
     if (.not. self%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, y)

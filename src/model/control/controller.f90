@@ -5,7 +5,7 @@
 !>
 !> so that all methods, the linearisation and the transfer function read the same coefficients. What is sampled changes at samples.
 module controller
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use history, only: breakpoint, history_model
   use marker, only: marker_states
   use quantity, only: quantity_model
@@ -332,7 +332,6 @@ contains
   !> omega - 2 atan(omega (1/2 - omega^2/120)/(1 - omega^2/10)) = 5 degrees.
   pure real(wp) function delay_limit(delay) result(f)   ! [Hz]
     real(wp), intent(in) :: delay             !! [s]
-    real(wp), parameter :: pi = acos(-1.0_wp)
     real(wp) :: low, high, x
     low = 0.0_wp
     high = 2*pi

@@ -7,6 +7,7 @@ module springs
   use constraint, only: marker_stiffness
   use force_element, only: conditions, element_action, root_rounding
   use marker, only: marker_states
+  use measures, only: angle_between, distance_between
   use piecewise_force, only: piecewise_model
   use small_matrices, only: outer
   implicit none (type, external)
@@ -48,7 +49,7 @@ module springs
 
 contains
 
-  !> Force (tension > 0) or moment that opposes the deformation, accelerations of the dissipative coordinates, power.
+  !> Force (tension > 0) or moment that opposes the deformation, highest derivatives of the internal variables, power.
   pure subroutine spring_act(self, p, with, z, zd, zdd, x)
     class(spring_model), intent(in) :: self
     type(marker_states), intent(in) :: p
@@ -174,9 +175,10 @@ contains
     real(wp), intent(out) :: d             !! [rad]
     real(wp), intent(out) :: dd            !! [rad/s]
     real(wp), intent(out) :: e(3)          !! [-]
-    d = p%angle(self%ia) - p%angle(self%ib) - self%free
-    dd = p%rate(self%ia) - p%rate(self%ib)
-    e = [0.0_wp, 0.0_wp, 1.0_wp]
+    real(wp) :: g(6)
+    call angle_between(p, self%ia, self%ib, d, dd, g)
+    d = d - self%free
+    e = g(1:3)
   end subroutine turn_of_sections
 
   !> It acts by moments.
@@ -200,13 +202,10 @@ contains
     real(wp), intent(out) :: d             !! [m]
     real(wp), intent(out) :: dd            !! [m/s]
     real(wp), intent(out) :: e(3)          !! [-]
-    real(wp) :: length
-    e(1:2) = p%r(:, self%ia) - p%r(:, self%ib)
-    e(3) = 0.0_wp
-    length = sqrt(e(1)**2 + e(2)**2)
-    e(1:2) = e(1:2)/max(length, tiny(1.0_wp))
-    d = length - self%free
-    dd = dot_product(e(1:2), p%v(:, self%ia) - p%v(:, self%ib))
+    real(wp) :: g(6)
+    call distance_between(p, self%ia, self%ib, d, dd, g)
+    d = d - self%free
+    e = g(1:3)
   end subroutine stretch
 
   !> Stiffness and damping along the spring, force over length across it; in every direction where the markers of a bush coincide.

@@ -91,6 +91,7 @@ contains
       end associate
     end do
   end function nearest_corner
+
   !> No more than that of all parts together.
   pure recursive real(wp) function steepest_sum(self) result(slope)   ! [unit/s]
     class(sum_model), intent(in) :: self

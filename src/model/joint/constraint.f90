@@ -230,12 +230,9 @@ contains
     real(wp), intent(in) :: angle                 !! relative angle [rad]
     type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
-    r%na(:, i) = 0.0_wp
-    r%nb(:, i) = 0.0_wp
+    call r%empty(i)
     r%sa(i) = self%size
     r%sb(i) = -self%size
     r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - angle)
-    r%phi_t(i) = 0.0_wp
-    r%acceleration_bias(i) = 0.0_wp
   end subroutine hold_angle
 end module constraint

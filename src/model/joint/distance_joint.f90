@@ -3,6 +3,7 @@ module distance_joint
   use kinds, only: wp
   use constraint, only: constraint_model, constraint_rows, marker_stiffness
   use marker, only: marker_states
+  use measures, only: circle_curvature, distance_between
   implicit none (type, external)
   private
 
@@ -48,23 +49,16 @@ contains
     yes = [.true., .true., .false., .true., .true., .false.]
   end function distance_acts_on
 
-  !> lambda |r_a - r_b|: lambda/l (1 - e e^T) on the relative position.
+  !> lambda |r_a - r_b|: the link turns.
   pure subroutine distance_second(self, p, lambda, k)
     class(distance_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: lambda(:)   !! multipliers of all rows [N]
     type(marker_stiffness), intent(inout) :: k
-    real(wp) :: d(2), l, g(2, 2)
-    d = p%r(:, self%ia) - p%r(:, self%ib)
-    l = max(hypot(d(1), d(2)), tiny(1.0_wp))
-    d = d/l
-    g(:, 1) = [1 - d(1)**2, -d(1)*d(2)]*lambda(self%first)/l
-    g(:, 2) = [-d(1)*d(2), 1 - d(2)**2]*lambda(self%first)/l
-    k%k = 0.0_wp
-    k%k(1:2, 1:2) = g
-    k%k(4:5, 4:5) = g
-    k%k(1:2, 4:5) = -g
-    k%k(4:5, 1:2) = -g
+    real(wp) :: x, xd, g(6)   ! distance [m], its rate [m/s] and gradient [-]
+    call distance_between(p, self%ia, self%ib, x, xd, g)
+    call circle_curvature(g, max(x, tiny(1.0_wp)), k%k)
+    k%k = lambda(self%first)*k%k
   end subroutine distance_second
 
   !> A length is not linear in positions.

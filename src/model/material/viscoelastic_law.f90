@@ -2,13 +2,13 @@
 !>
 !>   inertia z'' + viscosity z' + z = delta        force alpha K_R (delta - z) beside K_R delta        (theory.md, section 5)
 !>
-!> so that E(s)/E_R - 1 = sum of alpha (1 - 1/(1 + viscosity s + inertia s^2)). A kind of law says which terms its parameters make;
-!> those without inertia are of first order.
+!> so that E(s)/E_R - 1 = sum of alpha (1 - 1/(1 + viscosity s + inertia s^2)). A kind of law is a function that makes terms of its
+!> parameters. Terms without inertia are of first order.
 module viscoelastic_law
   use kinds, only: wp
   implicit none (type, external)
   private
-  public :: viscoelastic_terms
+  public :: viscoelastic_terms, ghm_terms, maxwell_terms
 
   !> The terms of one law; those of second order come first.
   type :: viscoelastic_terms
@@ -28,22 +28,22 @@ module viscoelastic_law
     procedure :: words
   end type viscoelastic_terms
 
-  !> A law with parameters of its own.
-  type, abstract, public :: law_model
-  contains
-    procedure(parameters_to_terms), deferred :: terms
-  end type law_model
-
-  abstract interface
-    !> The terms of a law.
-    pure function parameters_to_terms(self) result(t)
-      import :: law_model, viscoelastic_terms
-      class(law_model), intent(in) :: self
-      type(viscoelastic_terms) :: t
-    end function parameters_to_terms
-  end interface
-
 contains
+
+  !> The law of Golla, Hughes and McTavish: E(s)/E_R = 1 + sum of alpha (s2 + 2 zeta omega s)/(s2 + 2 zeta omega s + omega2).
+  pure type(viscoelastic_terms) function ghm_terms(alpha, zeta, omega) result(t)
+    real(wp), intent(in) :: alpha(:)           !! weights [-]
+    real(wp), intent(in) :: zeta(:)            !! damping ratios [-]
+    real(wp), intent(in) :: omega(:)           !! frequencies [rad/s]
+    t = viscoelastic_terms(size(alpha), 0, alpha, 2*zeta/omega, 1/omega**2)
+  end function ghm_terms
+
+  !> The generalised Maxwell law (a Prony series), springs in series with dashpots: E(s)/E_R = 1 + sum of alpha tau s/(1 + tau s).
+  pure type(viscoelastic_terms) function maxwell_terms(alpha, tau) result(t)
+    real(wp), intent(in) :: alpha(:)           !! weights [-]
+    real(wp), intent(in) :: tau(:)             !! relaxation times [s]
+    t = viscoelastic_terms(0, size(alpha), alpha, tau, 0*tau)
+  end function maxwell_terms
 
   !> The terms of two laws that act together.
   pure function beside(self, other) result(both)
@@ -72,14 +72,14 @@ contains
     end do
   end function ratio
 
-  !> Whether a term has a pole at s, so that the law has no value there.
+  !> Whether a term has a pole at s: the law has no value there.
   pure logical function is_pole(self, s)
     class(viscoelastic_terms), intent(in) :: self
     complex(wp), intent(in) :: s               !! [1/s]
     is_pole = any(abs(1 + s*(self%viscosity + self%inertia*s)) <= 0.0_wp)
   end function is_pole
 
-  !> Its derivative [s].
+  !> Derivative of the ratio [s].
   pure function slope(self, s) result(g)
     class(viscoelastic_terms), intent(in) :: self
     complex(wp), intent(in) :: s               !! [1/s]

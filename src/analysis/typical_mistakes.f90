@@ -1,6 +1,6 @@
 !> Warns of decks that run but are probably not what was meant: units other than SI, degrees, parts that do nothing, hold
 !> nothing or are there twice. The deck runs as it is written.
-module typical_slips
+module typical_mistakes
   use kinds, only: wp, pi
   use acting_markers, only: list_markers
   use build_history, only: make_history
@@ -11,7 +11,7 @@ module typical_slips
   use text, only: quoted, to_text
   implicit none (type, external)
   private
-  public :: warn_of_slips
+  public :: warn_of_mistakes
 
   real(wp), parameter :: slowest = 10.0_wp, fastest = 2.0e4_wp   !! sound in bars of any solid, rubber to diamond [m/s]
   real(wp), parameter :: deepest = 2.0_wp      !! a section of more than this beside gravity is in millimetres [m]
@@ -21,7 +21,7 @@ module typical_slips
 contains
 
   !> One line on standard error for each of them.
-  subroutine warn_of_slips(d, check)
+  subroutine warn_of_mistakes(d, check)
     type(deck), intent(in) :: d
     logical, intent(in) :: check          !! a deck that is only checked needs no analysis
     call idle_parts(d)
@@ -31,45 +31,27 @@ contains
     call loose_bodies(d)
     call doubled_constraints(d)
     call lost_dwells(d)
-    if (check) call idle_parameters(d)
+    if (check) call warn_if(.not. d%parameters%used, d%parameters%at, 'no expression uses it')
     if (check .or. d%static%present .or. d%modal%present .or. d%response%present .or. d%transient%present) return
     call tell(d%path//': warning: no analysis (&static, &modal, &frequency_response, &transient): the mechanism is '// &
               'assembled, nothing else')
-  end subroutine warn_of_slips
-
-  !> Parameters that no expression names.
-  subroutine idle_parameters(d)
-    type(deck), intent(in) :: d
-    integer :: k
-    do k = 1, size(d%parameters)
-      if (.not. d%parameters(k)%used) call warn(d%parameters(k)%at, 'no expression uses it')
-    end do
-  end subroutine idle_parameters
+  end subroutine warn_of_mistakes
 
   !> Forces and lumps that keep their default of 0, forces and controllers that act nowhere, accuracies that nothing asks for.
   subroutine idle_parts(d)
     type(deck), intent(in) :: d
     integer :: k
-    do k = 1, size(d%forces)
-      if (d%forces(k)%type /= 'force' .or. maxval(abs([d%forces(k)%fx, d%forces(k)%fy])) > 0.0_wp) cycle
-      call warn(d%forces(k)%at, 'fx and fy are 0: it pushes nothing')
-    end do
-    do k = 1, size(d%forces)
-      if (d%forces(k)%controller > 0 .and. d%forces(k)%stage == 'static') call warn(d%forces(k)%at, 'stage=''static'' beside '// &
-        'controller: controllers act in the transient alone, so that the force never acts')
-    end do
+    call warn_if(d%forces%type == 'force' .and. max(abs(d%forces%fx), abs(d%forces%fy)) <= 0.0_wp, d%forces%at, &
+                 'fx and fy are 0: it pushes nothing')
+    call warn_if(d%forces%controller > 0 .and. d%forces%stage == 'static', d%forces%at, 'stage=''static'' beside controller: '// &
+                 'controllers act in the transient alone, so that the force never acts')
     do k = 1, size(d%controllers)
-      if (.not. any(d%forces%controller == k)) call warn(d%controllers(k)%at, 'no force obeys it (controller='//quoted( &
-        trim(d%controllers(k)%name))//' of a &force): it moves nothing')
+      call warn_if(.not. any(d%forces%controller == k), d%controllers(k)%at, 'no force obeys it (controller='//quoted( &
+                   trim(d%controllers(k)%name))//' of a &force): it moves nothing')
     end do
-    do k = 1, size(d%sensors)
-      if (d%transient%accuracy > 0.0_wp .or. max(d%sensors(k)%accuracy, d%sensors(k)%floor) <= 0.0_wp) cycle
-      call warn(d%sensors(k)%at, 'accuracy and floor are those of a &transient with accuracy: nothing uses them here')
-    end do
-    do k = 1, size(d%lumps)
-      if (max(d%lumps(k)%mass, d%lumps(k)%inertia) > 0.0_wp) cycle
-      call warn(d%lumps(k)%at, 'mass and inertia are 0: it adds nothing')
-    end do
+    if (.not. d%transient%accuracy > 0.0_wp) call warn_if(max(d%sensors%accuracy, d%sensors%floor) > 0.0_wp, d%sensors%at, &
+      'accuracy and floor are those of a &transient with accuracy: nothing uses them here')
+    call warn_if(max(d%lumps%mass, d%lumps%inertia) <= 0.0_wp, d%lumps%at, 'mass and inertia are 0: it adds nothing')
   end subroutine idle_parts
 
   !> Materials of flexible bodies whose speed of sound is that of no solid.
@@ -94,38 +76,23 @@ contains
   subroutine degrees(d)
     type(deck), intent(in) :: d
     logical :: turns
-    integer :: k
     turns = any(d%drives%type == 'rotation') .or. any(d%bodies%angular_velocity_stated)
-    do k = 1, size(d%bodies)
-      call look(d%bodies(k)%at, 'angle', d%bodies(k)%angle, turns)
-    end do
-    do k = 1, size(d%joints)
-      call look(d%joints(k)%at, 'direction', d%joints(k)%direction, .false.)
-    end do
-    do k = 1, size(d%drives)
-      call look(d%drives(k)%at, 'direction', d%drives(k)%direction, .false.)
-    end do
-    do k = 1, size(d%springs)
-      if (d%springs(k)%type == 'torsional') call look(d%springs(k)%at, 'free_angle', &
-                                                      d%springs(k)%free, .true.)
-    end do
-    do k = 1, size(d%stops)
-      call look(d%stops(k)%at, 'direction', d%stops(k)%direction, .false.)
-      if (d%stops(k)%type /= 'rotation') cycle
-      if (d%stops(k)%lower > -huge(1.0_wp)) call look(d%stops(k)%at, 'lower', d%stops(k)%lower, turns)
-      if (d%stops(k)%upper < huge(1.0_wp)) call look(d%stops(k)%at, 'upper', d%stops(k)%upper, turns)
-    end do
-    do k = 1, size(d%histories)
-      call look(d%histories(k)%at, 'phase', d%histories(k)%phase, .false.)
-    end do
+    call look(d%bodies%at, 'angle', d%bodies%angle, turns)
+    call look(d%joints%at, 'direction', d%joints%direction, .false.)
+    call look(d%drives%at, 'direction', d%drives%direction, .false.)
+    call look(d%springs%at, 'free_angle', merge(d%springs%free, 0.0_wp, d%springs%type == 'torsional'), .true.)
+    call look(d%stops%at, 'direction', d%stops%direction, .false.)
+    call look(d%stops%at, 'lower', merge(d%stops%lower, 0.0_wp, d%stops%type == 'rotation'), turns)
+    call look(d%stops%at, 'upper', merge(d%stops%upper, 0.0_wp, d%stops%type == 'rotation'), turns)
+    call look(d%histories%at, 'phase', d%histories%phase, .false.)
   contains
-    !> One angle.
-    subroutine look(at, name, angle, may_turn)
+    !> One angle; one that the deck leaves open is huge.
+    impure elemental subroutine look(at, name, angle, may_turn)
       type(origin), intent(in) :: at
       character(*), intent(in) :: name         !! variable
       real(wp), intent(in) :: angle            !! [rad]
       logical, intent(in) :: may_turn          !! more than a turn may be meant
-      if (abs(angle) <= 2*pi + 1.0e-9_wp) return
+      if (abs(angle) <= 2*pi + 1.0e-9_wp .or. abs(angle) >= huge(1.0_wp)) return
       if (may_turn .and. abs(angle/5 - anint(angle/5)) > 1.0e-9_wp) return
       call warn(at, name//'='//to_text(angle)//' is '//to_text(anint(10*abs(angle)/(2*pi))/10)// &
                 ' turns: degrees for radians?')
@@ -142,16 +109,15 @@ contains
     if (g < 1.0_wp .or. g > 30.0_wp) return
     do k = 1, size(d%sections)
       size_of = sqrt(12*d%sections(k)%inertia/d%sections(k)%area)
-      if (size_of > deepest) call warn(d%sections(k)%at, 'a depth of about '// &
-                                       to_text(size_of)//' m beside gravity in m/s2: mm for m?')
+      call warn_if(size_of > deepest, d%sections(k)%at, &
+                   'a depth of about '//to_text(size_of)//' m beside gravity in m/s2: mm for m?')
     end do
     call reach_of(d, reach)
     do k = 1, size(d%bodies)
       size_of = max(reach(k), d%bodies(k)%length)
-      if (size_of <= longest .and. .not. (d%bodies(k)%kind == 'rigid' .and. size_of > 10.0_wp .and. &
-                                          d%bodies(k)%mass < thin*size_of)) cycle
-      call warn(d%bodies(k)%at, 'it reaches '//to_text(size_of)// &
-                ' m beside gravity in m/s2: mm for m?')
+      call warn_if(size_of > longest .or. (d%bodies(k)%kind == 'rigid' .and. size_of > 10.0_wp .and. &
+                                           d%bodies(k)%mass < thin*size_of), d%bodies(k)%at, &
+                   'it reaches '//to_text(size_of)//' m beside gravity in m/s2: mm for m?')
     end do
   end subroutine millimetres
 
@@ -160,28 +126,17 @@ contains
     type(deck), intent(in) :: d
     real(wp), intent(out) :: reach(0:)         !! [m]
     integer :: k
-    reach = 0.0_wp
-    do k = 1, size(d%bodies)
-      reach(k) = norm2(d%bodies(k)%com)
-    end do
-    do k = 1, size(d%joints)
-      call add(d%joints(k)%a)
-      call add(d%joints(k)%b)
-    end do
-    do k = 1, size(d%springs)
-      call add(d%springs(k)%a)
-      call add(d%springs(k)%b)
-    end do
-    do k = 1, size(d%stops)
-      call add(d%stops(k)%a)
-      call add(d%stops(k)%b)
-    end do
-    do k = 1, size(d%lumps)
-      call add(d%lumps(k)%marker)
-    end do
+    reach = [0.0_wp, (norm2(d%bodies(k)%com), k=1, size(d%bodies))]
+    call add(d%joints%a)
+    call add(d%joints%b)
+    call add(d%springs%a)
+    call add(d%springs%b)
+    call add(d%stops%a)
+    call add(d%stops%b)
+    call add(d%lumps%marker)
   contains
     !> One point.
-    subroutine add(p)
+    impure elemental subroutine add(p)
       type(marker_record), intent(in) :: p
       reach(p%body) = max(reach(p%body), norm2(p%point))
     end subroutine add
@@ -192,15 +147,12 @@ contains
     type(deck), intent(in) :: d
     type(marker_record), allocatable :: named(:, :)
     logical :: held(0:size(d%bodies))
-    integer :: k
     if (size(d%joints) + size(d%springs) + size(d%drives) == 0) return
     held = .false.
     named = list_markers(d)
     held([named%body]) = .true.
-    do k = 1, size(d%bodies)
-      if (held(k) .or. d%bodies(k)%velocity_stated .or. d%bodies(k)%angular_velocity_stated) cycle
-      call warn(d%bodies(k)%at, 'no joint, drive, spring or force names it: it is left to itself')
-    end do
+    call warn_if(.not. (held(1:) .or. d%bodies%velocity_stated .or. d%bodies%angular_velocity_stated), d%bodies%at, &
+                 'no joint, drive, spring or force names it: it is left to itself')
   end subroutine loose_bodies
 
   !> Joints or drives between the same markers that hold the same.
@@ -294,4 +246,12 @@ contains
     character(*), intent(in) :: why
     call tell(at%file//':'//to_text(at%line)//': '//at%subject//': warning: '//why)
   end subroutine warn
-end module typical_slips
+
+  !> The same where it is true.
+  impure elemental subroutine warn_if(true, at, why)
+    logical, intent(in) :: true
+    type(origin), intent(in) :: at
+    character(*), intent(in) :: why
+    if (true) call warn(at, why)
+  end subroutine warn_if
+end module typical_mistakes
