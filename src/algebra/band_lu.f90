@@ -17,10 +17,10 @@ contains
     logical, intent(out) :: bad                !! a pivot is zero
     real(number) :: x
     real(wp) :: largest                        ! entry below the diagonal [any]
-    integer :: i, j, c, p, d, below, reach
+    integer :: i, j, c, p, d, below, last
     d = 2*kd + 1
     upper = 0
-    reach = 1                                  ! last column that the rows so far have entries in
+    last = 1                                   ! last column in which the rows so far have entries
     do j = 1, n
       below = min(kd, n - j)
       p = 0
@@ -33,10 +33,10 @@ contains
       pivots(j) = j + p
       bad = .not. largest > 0.0_wp
       if (bad) return
-      reach = max(reach, min(j + p + kd, n))
-      upper = max(upper, reach - j)
+      last = max(last, min(j + p + kd, n))
+      upper = max(upper, last - j)
       if (p > 0) then
-        do c = j, reach
+        do c = j, last
           x = a(d + j - c, c)
           a(d + j - c, c) = a(d + j + p - c, c)
           a(d + j + p - c, c) = x
@@ -47,7 +47,7 @@ contains
       do i = 1, below
         a(d + i, j) = a(d + i, j)*x
       end do
-      do c = j + 1, reach
+      do c = j + 1, last
         x = a(d + j - c, c)
 !GCC$ novector
         do i = 1, below

@@ -1,7 +1,7 @@
-!> Symmetric positive definite band matrices, and in the complex twin those that `band_pivots` names, factored once as P^T L D L^T P
-!> and solved many times, two right-hand sides at a time. A reordering splits the matrix into its uncoupled blocks (a straight
-!> beam's axial and bending coordinates) and keeps each band narrow. Solves are plain recurrences: no allocation, no branch inside
-!> a row.
+!> Symmetric positive definite band matrices, in the complex twin dynamic stiffnesses (`band_pivots`), factored once as
+!> P^T L D L^T P and solved many times, two right-hand sides at a time. A reordering splits the matrix into its uncoupled blocks
+!> (a straight beam's axial and bending coordinates) and keeps each band narrow. Solves are plain recurrences: no allocation, no
+!> branch inside a row.
 module banded
   use band_pivots, only: factor_band
   use kinds, only: wp, number
@@ -23,7 +23,7 @@ module banded
     integer, allocatable :: order(:)         !! order(k): original index of reordered row k
     real(number), allocatable :: dinv(:)     !! (n) 1 over the diagonal matrix D [1/any]
     type(band_block), allocatable :: blocks(:)
-    integer, allocatable :: position(:)      !! (n) reordered row of each original index, while it may be factored again
+    integer, allocatable :: position(:)      !! (n) reordered row of each original index; kept where it may be factored again
     real(number), allocatable :: band(:)     !! work of the factorisation, of the largest block's size [any]
   end type band_factor
 

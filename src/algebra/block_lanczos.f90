@@ -8,7 +8,7 @@ module block_lanczos
   public :: krylov_modes, iterate_subspace, inverse_iteration, orthonormalise
 
   integer, parameter :: width = 3              !! vectors in a block: a chain of beams has no frequency more often
-  integer, parameter :: most_gram_schmidt = 6
+  integer, parameter :: most_gram_schmidt = 6  !! passes that make a vector orthogonal to those before
 
   !> The products, within the space of motions whose modes are sought.
   type, abstract, public :: inertia_operator
@@ -45,7 +45,8 @@ contains
     logical, intent(out) :: ok                 !! false: not solvable, or stopped by a signal
     real(wp), allocatable :: y(:, :), my(:, :), t(:, :), theta(:), part(:), work(:)
     real(wp) :: length
-    integer :: i, j, n, p, info, below
+    integer :: i, j, n, p, info
+    integer :: growing                         ! motions with a negative squared frequency + shift
     integer, allocatable :: nearest(:)         ! solutions next to the shift
     n = dimension
     p = size(x, 2)
@@ -65,11 +66,11 @@ contains
     end do
     call dsyev('V', 'U', n, t(1:n, 1:n), n, theta, work, size(work), info)
     ok = info == 0
-    below = 0                                  ! number of growing motions
+    growing = 0
     do j = 1, p
-      if (-theta(below + 1) > theta(n - (j - 1 - below))) below = below + 1
+      if (-theta(growing + 1) > theta(n - (j - 1 - growing))) growing = growing + 1
     end do
-    nearest = [(i, i=below, 1, -1), (i, i=n, n - p + below + 1, -1)]
+    nearest = [(i, i=growing, 1, -1), (i, i=n, n - p + growing + 1, -1)]
     x = matmul(y(:, 1:n), t(1:n, nearest))
     lambda = 1.0_wp/sign(max(abs(theta(nearest)), epsilon(1.0_wp)*maxval(abs(theta))), theta(nearest))
   end subroutine krylov_modes
@@ -126,26 +127,17 @@ contains
     integer :: pass
     allocate (part(size(basis, 2)), source=0.0_wp)
     mx = op%mass_times(x)
-    length = norm_of(x, mx)
+    length = sqrt(max(dot_product(x, mx), 0.0_wp))
     do pass = 1, merge(most_gram_schmidt, 0, size(basis, 2) > 0)
       before = length
       c = matmul(mx, basis)
       x = x - matmul(basis, c)
       part = part + c
       mx = op%mass_times(x)
-      length = norm_of(x, mx)
+      length = sqrt(max(dot_product(x, mx), 0.0_wp))
       if (length > 0.5_wp*before) exit
     end do
     x = x/max(length, sqrt(tiny(length)))
     mx = mx/max(length, sqrt(tiny(length)))
   end subroutine orthonormalise
-
-  !> Length of x in the mass.
-  pure real(wp) function norm_of(x, mx) result(length)
-    real(wp), intent(in) :: x(:), mx(:)        !! M x [m, rad; kg m, kg m2]
-    real(wp) :: square                         ! [kg m2]
-    square = dot_product(x, mx)
-    length = 0.0_wp
-    if (square > 0.0_wp) length = sqrt(square)
-  end function norm_of
 end module block_lanczos

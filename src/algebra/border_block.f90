@@ -8,8 +8,8 @@ module border_block
   private
   public :: block_part, condense, equilibrate
 
-  integer, parameter, public :: slots = 3             !! replaced pivots that a block can hand to the border
-  real(wp), parameter, public :: no_pivot = 1.0e-75_wp   !! singular to the last bit; solutions stay finite above it [-]
+  integer, parameter, public :: slots = 3             !! most replaced pivots of a block: border unknowns kept for them
+  real(wp), parameter, public :: no_pivot = 1.0e-75_wp   !! pivot of a singular matrix: above it solutions stay finite [-]
   real(wp), parameter :: weak_pivot = 1.0e-9_wp       !! of the largest entry of the equilibrated column [-]
 
   !> One block.
@@ -67,7 +67,7 @@ contains
     do k = 1, w
       call back_substitute(p, p%weak(k), -1.0_wp, p%right(:, m - slots + k))
     end do
-    do i = 1, m - slots + w                           ! a row of a joint reaches few unknowns
+    do i = 1, m - slots + w                           ! a row of a joint has few entries
       first = findloc(abs(p%left(:, i)%re) + abs(p%left(:, i)%im) > 0.0_wp, .true., 1)
       last = findloc(abs(p%left(:, i)%re) + abs(p%left(:, i)%im) > 0.0_wp, .true., 1, back=.true.)
       do j = 1, merge(m - slots + w, 0, first > 0)

@@ -23,7 +23,7 @@ module bordered
     integer :: kd = 0                                 !! half band width of the border
     type(block_part), allocatable :: blocks(:)
     integer, allocatable :: block_of(:)               !! (n) block of each unknown, 0: border
-    integer, allocatable :: place(:)                  !! (n) position in its block or in the border
+    integer, allocatable :: place(:)                  !! (n) its number in the block or in the border
     integer, allocatable :: kind(:)                   !! (entries) 1 block, 2 right, 3 left, 4 border
     integer, allocatable :: home(:)                   !! (entries) block
     integer, allocatable :: i(:), j(:)                !! (entries) where in that array
@@ -211,7 +211,7 @@ contains
     call equilibrate(self%nb, self%kd, self%ab, self%row_scale, self%col_scale)
     if (present(negative)) negative = negative + negative_eigenvalues(self%nb, self%kd, self%ab)
     call zgbtrf(self%nb, self%nb, self%kd, self%kd, self%ab, 3*self%kd + 1, self%pivots, info)
-    do k = 1, self%nb                                 ! singular to the last bit: the nearest regular matrix, entries of size one
+    do k = 1, self%nb                                 ! a singular matrix is replaced by the nearest regular one
       if (abs(self%ab(2*self%kd + 1, k)) <= no_pivot) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)
     end do
   end subroutine factor

@@ -7,7 +7,7 @@ module complementarity
   private
   public :: solve_complementarity
 
-  real(wp), parameter :: rounding = 1.0e-12_wp   !! of entries of the scaled matrix: a pivot so small is none [-]
+  real(wp), parameter :: rounding = 1.0e-12_wp   !! entries of the scaled matrix below it count as zero [-]
   integer, parameter :: most_pivots = 50         !! for each unknown
 
 contains

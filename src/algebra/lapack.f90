@@ -1,6 +1,7 @@
-!> Explicit interfaces to the few LAPACK and BLAS routines used, and the one place that keeps their threads from
-!> changing results. Band storage: lower, ab(1+i-j, j) = A(i, j). Where an argument is wrong these
-!> libraries end the program with status 0; here that is noted instead, and asked for after each analysis (`refused_routine`).
+!> Explicit interfaces to the few LAPACK and BLAS routines used. Band storage: lower, ab(1+i-j, j) = A(i, j).
+!> - Threads of these libraries would change results: they get one.
+!> - Where an argument is wrong these libraries end the program with status 0. Here the routine is noted, and each analysis asks
+!>   for it at its end (`refused_routine`).
 module lapack
   use kinds, only: wp
   use text, only: to_text

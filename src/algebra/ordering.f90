@@ -25,7 +25,7 @@ contains
       if (done(k)) cycle
       blocks = blocks + 1
       starts(blocks) = count + 1
-      root = last_level_vertex(k, first, neighbour, n)     ! two sweeps lead to one end (George & Liu)
+      root = last_level_vertex(k, first, neighbour, n)     ! two searches find a vertex at one end (George & Liu)
       root = last_level_vertex(root, first, neighbour, n)
       call visit(root, first, neighbour, done, order, count)
       if (order(count) < order(starts(blocks))) order(starts(blocks):count) = order(count:starts(blocks):-1)   ! as given

@@ -18,7 +18,7 @@ module triplets
 
 contains
 
-  !> Adds one entry; zeros and entries outside (index 0) are skipped.
+  !> Adds one entry. Left out: zeros, and entries of removed coordinates (index 0).
   pure subroutine add_entry(self, i, j, x)
     class(triplet_matrix), intent(inout) :: self
     integer, intent(in) :: i, j
@@ -63,7 +63,7 @@ contains
   !> x^T A x.
   pure real(wp) function quadratic_form(self, x) result(total)
     class(triplet_matrix), intent(in) :: self
-    real(wp), intent(in) :: x(:)              !! unknowns [m], [rad]
+    real(wp), intent(in) :: x(:)              !! [any]
     integer :: k
     total = 0.0_wp
     do k = 1, self%count

@@ -1,5 +1,8 @@
-!> Why a mechanism cannot be assembled: a joint or drive too many, a joint beyond the reach of the lengths, or a weld whose angle
-!> contradicts the others. To find it, parts of the scene are assembled. This costs time only after an assembly that failed.
+!> Why a mechanism cannot be assembled:
+!> - a joint or drive too many;
+!> - a joint that the lengths of its loop do not reach;
+!> - a weld whose angle contradicts the others.
+!> To find it, parts of the scene are assembled. This costs time only after an assembly that failed.
 module assembly_conflict
   use kinds, only: wp
   use assembly_reports, only: assembly_report, gap_text
@@ -39,11 +42,11 @@ contains
     real(wp), allocatable :: q(:)
     integer :: culprit, named, low, middle, k
     call build(d, all, faults)
-    low = 0                                         ! as many of the first joints close, culprit as many do not
+    low = 0                                         ! the first `low` constraints close, the first `culprit` do not
     culprit = size(all%constraints)
     do while (culprit - low > 1)
       middle = (low + culprit)/2
-      call close_up(all, [(k <= middle, k=1, size(all%constraints))], 0, m, ev, q, report)
+      call assemble_part(all, [(k <= middle, k=1, size(all%constraints))], 0, m, ev, q, report)
       if (report%open) culprit = middle
       if (.not. report%open) low = middle
     end do
@@ -57,7 +60,7 @@ contains
   subroutine open_constraint(d, all, culprit, words)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: all
-    integer, intent(in) :: culprit                  !! as many of the first joints do not close
+    integer, intent(in) :: culprit                  !! the first constraint that does not close with those before it
     character(:), allocatable, intent(out) :: words
     type(mechanism_model) :: m, without
     type(evaluation) :: ev, other
@@ -66,12 +69,12 @@ contains
     real(wp), allocatable :: q(:)
     integer :: k
     logical :: surplus
-    call close_up(all, [(k <= culprit, k=1, size(all%constraints))], 0, m, ev, q, report)
+    call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], 0, m, ev, q, report)
     where_closed = ' where all others are closed'
-    call close_up(all, [(k /= culprit, k=1, size(all%constraints))], 0, without, other, q, report)
+    call assemble_part(all, [(k /= culprit, k=1, size(all%constraints))], 0, without, other, q, report)
     if (report%open) then
       where_closed = ' where those before it in the deck are closed'
-      call close_up(all, [(k < culprit, k=1, size(all%constraints))], 0, without, other, q, report)
+      call assemble_part(all, [(k < culprit, k=1, size(all%constraints))], 0, without, other, q, report)
     end if
     call evaluate_start(m, ev, q)
     surplus = leaves_no_motion(d, culprit)
@@ -121,8 +124,8 @@ contains
     call build(rigid, all, faults)
     yes = .false.
     if (faults%count > 0) return
-    call close_up(all, [(k <= culprit, k=1, size(all%constraints))], 0, m, ev, q, report)
-    call close_up(all, [(k < culprit, k=1, size(all%constraints))], 0, without, other, q, before)
+    call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], 0, m, ev, q, report)
+    call assemble_part(all, [(k < culprit, k=1, size(all%constraints))], 0, without, other, q, before)
     if (before%open) return
     allocate (weak(m%s%rows))
     call evaluate_start(m, ev, q)
@@ -132,7 +135,7 @@ contains
   end function leaves_no_motion
 
   !> Some of the constraints of a scene, one of them without the angle that it holds.
-  subroutine take(all, kept, freed, part)
+  subroutine choose_part(all, kept, freed, part)
     type(scene), intent(in) :: all
     logical, intent(in) :: kept(:)                  !! (constraints)
     integer, intent(in) :: freed                    !! whose angle is free, 0: none
@@ -161,10 +164,10 @@ contains
       part%rows = part%rows + part%constraints(n)%item%rows
     end do
     part%permanent_rows = part%rows
-  end subroutine take
+  end subroutine choose_part
 
   !> Assembles the constraints of a scene that are kept; velocities do not count.
-  subroutine close_up(all, kept, freed, m, ev, q, report)
+  subroutine assemble_part(all, kept, freed, m, ev, q, report)
     type(scene), intent(in) :: all
     logical, intent(in) :: kept(:)                  !! (constraints)
     integer, intent(in) :: freed                    !! whose angle is free, 0: none
@@ -174,15 +177,15 @@ contains
     type(assembly_report), intent(out) :: report
     type(failure) :: fail
     type(scene) :: part
-    call take(all, kept, freed, part)
+    call choose_part(all, kept, freed, part)
     call assemble_scene(part, m, ev, q, report, fail)
-  end subroutine close_up
+  end subroutine assemble_part
 
   !> The weld or prismatic joint whose angle must change least so that all joints close; empty: there is none.
   subroutine contradicting_angle(d, all, culprit, words, named)
     type(deck), intent(in) :: d
     type(scene), intent(in) :: all
-    integer, intent(in) :: culprit                  !! as many of the first joints do not close
+    integer, intent(in) :: culprit                  !! the first constraint that does not close with those before it
     character(:), allocatable, intent(out) :: words
     integer, intent(out) :: named                   !! joint or drive that is to blame
     type(mechanism_model) :: m
@@ -204,7 +207,7 @@ contains
       if (.not. holds) cycle
       tried = tried + 1
       if (tried > most_welds) return
-      call close_up(all, [(i <= culprit, i=1, size(all%constraints))], k, m, ev, q, report)
+      call assemble_part(all, [(i <= culprit, i=1, size(all%constraints))], k, m, ev, q, report)
       if (report%open) cycle
       deck_value = deck_angle(d, d%joints(k)%a) - deck_angle(d, d%joints(k)%b)
       angle = ev%p%angle(one%ia) - ev%p%angle(one%ib)

@@ -6,7 +6,7 @@ module command_line
   use posix, only: write_bytes, standard_output, tell
   use process, only: most_children
   use readable_text, only: one_line
-  use run_deck, only: run_options
+  use run_deck, only: print_words, run_options
   use summary, only: version
   use text, only: nearest_word, to_text
   implicit none (type, external)
@@ -62,7 +62,7 @@ contains
         asked%options%output = word
         if (len(word) == 0 .or. index(word, '--') == 1) call complain('--output needs a folder', status)
       case ('--version')
-        call print_out('biela '//version//new_line('a'), status)
+        call print_words('biela', 'biela '//version//new_line('a'), status)
         return
       case ('--jobs', '-j')
         k = k + 1
@@ -187,9 +187,9 @@ contains
 
   !> The help text.
   subroutine print_help(status)
-    integer, intent(inout) :: status
+    integer, intent(out) :: status
     character(*), parameter :: lf = new_line('a')
-    call print_out('biela: planar flexible mechanisms with viscoelastic damping'//lf//lf// &
+    call print_words('biela', 'biela: planar flexible mechanisms with viscoelastic damping'//lf//lf// &
       '  biela DECK.nml ...             run every analysis of each deck, results in results/<deck name>/; - is standard'//lf// &
       '                                 input, with results in results/stdin/'//lf// &
       '  biela --check DECK.nml         read, validate, assemble; print the model and the step advice, write nothing'//lf// &
@@ -206,13 +206,4 @@ contains
       'written; 128 + signal when stopped by a signal.'// &
       lf, status)
   end subroutine print_help
-
-  !> Prints to standard output; the status tells where that is not possible.
-  subroutine print_out(words, status)
-    character(*), intent(in) :: words
-    integer, intent(inout) :: status
-    if (write_bytes(standard_output, words)) return
-    status = max(status, status_no_output)
-    call tell('biela: standard output cannot be written')
-  end subroutine print_out
 end module command_line

@@ -27,7 +27,7 @@ module linear_state
 
 contains
 
-  !> Evaluates the equations at a state, at rest in its dissipative coordinates or not, at t = 0. The reactions become stiffness, so
+  !> Evaluates the equations at a state at t = 0. The reactions become stiffness, so
   !> that they are corrected to rounding even where uneven masses cost them only a few digits.
   subroutine evaluate_state(sys, options, y)
     type(mechanism_system), intent(inout) :: sys
@@ -73,8 +73,8 @@ contains
     a = max(norm2(run%sys%ev%options%gravity), maxval(abs(run%sys%ev%frame%free)))   ! [m/s2, rad/s2]
   end function largest_acceleration
 
-  !> The dynamic stiffness about the present state. What is left of accelerations in an equilibrium is rounding, and so is what
-  !> turns a body that falls: it would make the stiffness unsymmetric and rigid motions slow ones.
+  !> The dynamic stiffness about the present state. Accelerations that are rounding are set to 0 (all of an equilibrium; angular
+  !> ones of a body that falls): they would make the stiffness unsymmetric, and slow motions of rigid ones.
   subroutine linear_system(run, ds)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(out) :: ds

@@ -18,8 +18,8 @@ module loop_analysis
   public :: run_loops, warn_of_loops
 
   integer, parameter :: per_decade = 40                !! frequencies at which margins are looked for
-  real(wp), parameter :: negligible = 1.0e-9_wp        !! modulus of a pole that is a rigid motion's, over the largest [-]
-  real(wp), parameter :: growing = 1.0e-10_wp          !! real part that is no rounding, over the modulus [-]
+  real(wp), parameter :: negligible = 1.0e-9_wp        !! modulus of a rigid motion's pole, over the largest [-]
+  real(wp), parameter :: growing = 1.0e-10_wp          !! real part of a pole that grows, over the modulus: below is rounding [-]
 
 contains
 

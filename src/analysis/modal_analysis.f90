@@ -30,6 +30,7 @@ contains
     type(failure), intent(inout) :: fail
     type(stiffness_system) :: ds
     type(mode_set) :: modes
+    character(:), allocatable :: words
     logical :: ok, failed
     call remove_file(run%folder//'/modes.txt')
     call set_friction(run, run%d%modal%friction)
@@ -48,7 +49,12 @@ contains
     if (failed) call no_output(run, fail)
     call modal_lines(run, modes, ds, text)
     call add_warnings(text, run%d%path, outside_band(run, 'damped modes', frequencies(modes)))
-    call report_missing(run, modes, text, fail)
+    call say_what_is_missing(modes, failed, words)
+    if (failed) then
+      call fail%raise(status_failed, words)
+    else if (len(words) > 0) then
+      call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
+    end if
     call run_loops(run, ds, text, fail)
   end subroutine run_modal
 
@@ -64,19 +70,6 @@ contains
       if (modes%kind(k) == vibration_mode .and. x(4) > 0.0_wp) f = [f, x(4)]
     end do
   end function frequencies
-
-  !> An error where modes that were asked for are missing, a warning where poles may be.
-  subroutine report_missing(run, modes, text, fail)
-    type(run_state), intent(in) :: run
-    type(mode_set), intent(in) :: modes
-    type(summary_record), intent(inout) :: text   !! the summary
-    type(failure), intent(inout) :: fail
-    character(:), allocatable :: words
-    logical :: failed
-    call say_what_is_missing(modes, failed, words)
-    if (failed) call fail%raise(status_failed, words)
-    if (len(words) > 0 .and. .not. failed) call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
-  end subroutine report_missing
 
   !> Warns where the present state is at rest but no equilibrium: its stiffness lacks the forces that are not yet built up.
   subroutine warn_of_motion(run, text)

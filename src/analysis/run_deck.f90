@@ -37,9 +37,9 @@ module run_deck
   use validity, only: thick_beams
   implicit none (type, external)
   private
-  public :: run_one_deck, run_options
+  public :: run_one_deck, run_options, print_words
 
-  real(wp), parameter :: hardly_damped = 0.1_wp   !! damping ratio of a vibration that rings [-]
+  real(wp), parameter :: hardly_damped = 0.1_wp   !! damping ratio below which a vibration goes on for many periods [-]
 
   !> What the command line asks for.
   type :: run_options
@@ -262,15 +262,15 @@ contains
     call cpu_time(p0)
     run%opening = text
     if (.not. run%restart) call begin_results(run, fail)
-    call mind_lapack('set-up', fail)
+    call check_lapack('set-up', fail)
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
     if (run%vibrates()) call add_warnings(text, run%d%path, thick_beams(run%sys%m))
     if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
-    call mind_lapack('static analysis', fail)
+    call check_lapack('static analysis', fail)
     if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
-    call mind_lapack('modal analysis', fail)
+    call check_lapack('modal analysis', fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
-    call mind_lapack('frequency response', fail)
+    call check_lapack('frequency response', fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
       run%sys%options%stage = stage_transient
       if (run%d%transient%accuracy > 0.0_wp) then
@@ -280,7 +280,7 @@ contains
         call transient_lines(run, march, fail%status, text)
       end if
     end if
-    call mind_lapack('transient', fail)
+    call check_lapack('transient', fail)
     call system_clock(t1)
     call cpu_time(p1)
     ok = .true.
@@ -299,7 +299,7 @@ contains
   end function run_in_folder
 
   !> Fails where a LAPACK or BLAS routine has refused its arguments: what was computed from it means nothing.
-  subroutine mind_lapack(analysis, fail)
+  subroutine check_lapack(analysis, fail)
     character(*), intent(in) :: analysis      !! what ran
     type(failure), intent(inout) :: fail
     character(:), allocatable :: routine
@@ -308,5 +308,5 @@ contains
     fail = failure()
     call fail%raise(status_failed, 'the '//analysis//' cannot be done: the linear algebra library refuses a matrix of it ('// &
                     routine//'); this is a fault of biela')
-  end subroutine mind_lapack
+  end subroutine check_lapack
 end module run_deck

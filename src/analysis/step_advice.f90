@@ -80,12 +80,12 @@ contains
     type(stability_advice), intent(out) :: advice
     call both_bounds(m, ev, q, advice%safe, advice%current)
     call advice_lines(d, m, advice)
-    call not_covered(m, ev, q, advice)
+    call note_limits(m, ev, q, advice)
   end subroutine advise
 
   !> Adds what the safe bound of this scene does not count: inertia that deflections change, tried with every flexible body bent
   !> as far as the model holds, tension, and forces of springs against turns that grow beyond those of the start.
-  subroutine not_covered(m, ev, q, advice)
+  subroutine note_limits(m, ev, q, advice)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
@@ -129,7 +129,7 @@ contains
       if (len(advice%provided) > 0) advice%provided = advice%provided//' and '
       advice%provided = advice%provided//what
     end subroutine provide
-  end subroutine not_covered
+  end subroutine note_limits
 
   !> The safe bound and that of the mechanism as it stands, which the former never exceeds: joints may keep a mode from what
   !> damps it. Where nothing does, joints only lower frequencies.
@@ -166,7 +166,7 @@ contains
       call method_lines(advice, k)
       call advice%text%close()
     end do
-    if (advice%safe%step(1) < huge(1.0_wp)) call what_helps(d, m, advice)
+    if (advice%safe%step(1) < huge(1.0_wp)) call list_remedies(d, m, advice)
   end subroutine advice_lines
 
   !> Both bounds of one method and what limits it.
@@ -198,7 +198,7 @@ contains
   end subroutine method_lines
 
   !> Rebuilds the scene without what limits, and says the bound that remains.
-  subroutine what_helps(d, m, advice)
+  subroutine list_remedies(d, m, advice)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(stability_advice), intent(inout) :: advice
@@ -207,21 +207,21 @@ contains
       if (cause%body == 0) return
       call advice%text%open('remedies', '[')
       if (cause%segment > 0) then
-        if (cause%material > 0) call try(d, m, without_ghm, advice)
+        if (cause%material > 0) call try_remedy(d, m, without_ghm, advice)
       else if (cause%rayleigh) then
-        call try(d, m, without_rayleigh, advice)
+        call try_remedy(d, m, without_rayleigh, advice)
       else
         do k = 1, size(mode_changes)
-          call try(d, m, mode_changes(k), advice)
+          call try_remedy(d, m, mode_changes(k), advice)
         end do
       end if
       call advice%text%close()
     end associate
-  end subroutine what_helps
+  end subroutine list_remedies
 
   !> Adds a line with the bound that remains when what limits is changed: on one body, all that are made alike, and those that
   !> limit as much; no line where that buys nothing.
-  subroutine try(d, m, change, advice)
+  subroutine try_remedy(d, m, change, advice)
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: change              !! of deck_changes
@@ -264,5 +264,5 @@ contains
       call advice%text%line(' s (rk4), '//fixed_text(bound%step(1)/advice%safe%step(1), 2)//' times')
     end if
     call advice%text%close()
-  end subroutine try
+  end subroutine try_remedy
 end module step_advice

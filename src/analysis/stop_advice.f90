@@ -11,7 +11,7 @@ module stop_advice
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: advise_stops, follows, cannot_follow
+  public :: advise_stops, cannot_follow
 
   integer, parameter :: most_lines = 10     !! of words; summary.json has all
 
@@ -40,23 +40,20 @@ contains
     call text%line('  dopri5 and radau with a tolerance take such steps only where they are needed; fixed steps are divided there')
   end subroutine advise_stops
 
-  !> Whether what bodies are made of can follow a contact: half a period of the highest frequency that they carry is shorter.
-  pure logical function follows(m, b, time)
+  !> Says, as part of a sentence, that a marker's body cannot follow a contact, which lasts less than half a period of the highest
+  !> frequency that the body carries. Empty: it can.
+  pure function cannot_follow(m, marker, time) result(text)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: b                   !! body, 0: the ground
+    integer, intent(in) :: marker
     real(wp), intent(in) :: time               !! that the contact lasts [s]
-    follows = .true.
-    if (b == 0) return
-    if (m%s%bodies(b)%flexible) follows = time >= pi/max(m%s%bodies(b)%basis%carried, sqrt(tiny(1.0_wp)))
-  end function follows
-
-  !> Says that they cannot, as part of a sentence.
-  pure function cannot_follow(m, b) result(text)
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: b                   !! body
     character(:), allocatable :: text
-    text = 'less than half a period of what the mesh or modes of body "'//trim(m%s%bodies(b)%name)//'" can carry ('// &
-           to_text(m%s%bodies(b)%basis%carried)//' rad/s)'
+    text = ''
+    if (m%s%markers(marker)%body == 0) return
+    associate (body => m%s%bodies(m%s%markers(marker)%body))
+      if (.not. body%flexible) return
+      if (time < pi/max(body%basis%carried, sqrt(tiny(1.0_wp)))) text = 'less than half a period of what the mesh or modes of '// &
+        'body "'//trim(body%name)//'" can carry ('//to_text(body%basis%carried)//' rad/s)'
+    end associate
   end function cannot_follow
 
   !> Stiffness, speed at touching, length and steps of a contact as deep as the example.
@@ -65,8 +62,8 @@ contains
     type(evaluation), intent(inout) :: ev      !! evaluated
     integer, intent(in) :: i                   !! its number among those that switch
     type(summary_record), intent(inout) :: text
-    character(:), allocatable :: words
-    integer :: b, side
+    character(:), allocatable :: words, limit
+    integer :: side
     real(wp) :: mass, depth, stiffness, speed, time   ! [kg], [m], [N/m], [m/s] or [kg m2], [rad], [N m/rad], [rad/s]; [s]
     mass = mass_at(m, ev, m%s%switching(i))
     select type (f => m%s%forces(m%s%switching(i))%item)
@@ -92,8 +89,8 @@ contains
                 to_text(speed)//trim(merge(' rad/s', ' m/s  ', f%angular))//' lasts '//to_text(time)//' s and takes steps of '// &
                 to_text(share_of_contact*time)//' s'
         do side = 1, 2
-          b = m%s%markers(merge(f%ia, f%ib, side == 1))%body
-          if (.not. follows(m, b, time)) words = words//new_line('a')//'    warning: that is '//cannot_follow(m, b)
+          limit = cannot_follow(m, merge(f%ia, f%ib, side == 1), time)
+          if (len(limit) > 0) words = words//new_line('a')//'    warning: that is '//limit
         end do
       else
         words = words//'; its force moves nothing'

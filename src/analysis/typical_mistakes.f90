@@ -1,5 +1,5 @@
-!> Warns of decks that run but are probably not what was meant: units other than SI, degrees, parts that do nothing, hold
-!> nothing or are there twice. The deck runs as it is written.
+!> Warns of probable mistakes in a deck: units other than SI, degrees, parts that do nothing, hold nothing or stand there twice.
+!> The deck runs as it is written.
 module typical_mistakes
   use kinds, only: wp, pi
   use acting_markers, only: list_markers
@@ -29,7 +29,8 @@ contains
     call degrees(d)
     call millimetres(d)
     call loose_bodies(d)
-    call doubled_constraints(d)
+    call look_for_twins('joint', d%joints%at, d%joints%name, d%joints%type, d%joints%a, d%joints%b, d%joints%direction)
+    call look_for_twins('drive', d%drives%at, d%drives%name, d%drives%type, d%drives%a, d%drives%b, d%drives%direction)
     call lost_dwells(d)
     if (check) call warn_if(.not. d%parameters%used, d%parameters%at, 'no expression uses it')
     if (check .or. d%static%present .or. d%modal%present .or. d%response%present .or. d%transient%present) return
@@ -155,14 +156,8 @@ contains
                  'no joint, drive, spring or force names it: it is left to itself')
   end subroutine loose_bodies
 
-  !> Joints or drives between the same markers that hold the same.
-  subroutine doubled_constraints(d)
-    type(deck), intent(in) :: d
-    call look_for_twins('joint', d%joints%at, d%joints%name, d%joints%type, d%joints%a, d%joints%b, d%joints%direction)
-    call look_for_twins('drive', d%drives%at, d%drives%name, d%drives%type, d%drives%a, d%drives%b, d%drives%direction)
-  end subroutine doubled_constraints
-
-  !> Joints or drives. Each gets a number from its bodies and nodes, in any order; only those with the same number are compared.
+  !> Joints or drives between the same markers that hold the same. Each gets a number from its bodies and nodes, in any order; only
+  !> those with the same number are compared.
   subroutine look_for_twins(kind, at, name, type, a, b, direction)
     character(*), intent(in) :: kind
     type(origin), intent(in) :: at(:)
@@ -214,7 +209,7 @@ contains
         flat = [.true., abs(r%values(2:) - r%values(:n - 1)) <= 1.0e-9_wp*maxval(abs(r%values)), .true.]
         do i = 1, n - 1
           if (.not. (flat(i + 1) .and. (flat(i) .or. flat(i + 2)))) cycle
-          call leave(h, r, i, miss)
+          miss = largest_miss(h, r, i)
           if (miss > worst) at = r%time(i)
           worst = max(worst, miss)
         end do
@@ -226,11 +221,10 @@ contains
   end subroutine lost_dwells
 
   !> How far the curve leaves the flat piece i.
-  pure subroutine leave(h, r, i, miss)
+  pure real(wp) function largest_miss(h, r, i) result(miss)   ! [unit]
     class(history_model), intent(in) :: h
     type(history_record), intent(in) :: r
     integer, intent(in) :: i
-    real(wp), intent(out) :: miss              !! [unit]
     real(wp) :: g(-1:2)
     integer :: k
     miss = 0.0_wp
@@ -238,7 +232,7 @@ contains
       call h%evaluate(r%time(i) + 0.125_wp*k*(r%time(i + 1) - r%time(i)), .false., g)
       miss = max(miss, abs(g(0) - r%values(i)))
     end do
-  end subroutine leave
+  end function largest_miss
 
   !> A warning with the line of its group.
   subroutine warn(at, why)

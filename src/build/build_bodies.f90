@@ -9,7 +9,7 @@ module build_bodies
   use body, only: body_model
   use body_operators, only: nodal_operators
   use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal, finish_elastic, &
-                        body_length, sort_segments
+                        body_length, find_segments
   use acting_markers, only: acting_marker, coordinates_under_load
   use modal_reduction, only: reduce_to_modes
   use number_range, only: check_values
@@ -100,7 +100,7 @@ contains
           return
         end if
         call elastic_integrals(b)
-        call sort_segments(b, viscoelastic)
+        call find_segments(b, viscoelastic)
         do e = 1, size(b%segments)
           b%segments(e)%law = law_of(d%materials(b%segments(e)%material)%law)
         end do

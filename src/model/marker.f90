@@ -1,5 +1,5 @@
 !> Markers: where joints, drives, springs, loads and sensors act. A marker is a point of the ground, a point or node of a
-!> body with its section, or the frame of a body (which only moments see).
+!> body with its section, or the frame of a body, on which only moments act.
 module marker
   use kinds, only: wp
   implicit none (type, external)

@@ -13,7 +13,7 @@ module quantity
     logical :: rate = .false.              !! its rate is meant
     logical :: angular = .false.           !! it is an angle
     real(wp) :: datum = 0.0_wp             !! what is taken off x: the free length of a spring [m] or [rad]
-    logical :: pending = .false.           !! the datum is still to be taken from the assembled markers
+    logical :: pending = .false.           !! the datum is not known yet: it follows from the assembled markers
   contains
     procedure :: init_from_assembly
     procedure(measure_motion), deferred :: measure
@@ -180,7 +180,7 @@ contains
     call circle_curvature(g, max(x, sqrt(tiny(1.0_wp))), h)
   end subroutine distance_curvature
 
-  !> Along x of the body, where a lies: its value is that of a in the body's axes, without the digits of the frame's place.
+  !> The coordinate x of marker a in the body's axes: a difference of global positions would have the rounding of these.
   pure subroutine displacement(self, p, x, xd, g)
     class(elastic_quantity), intent(in) :: self
     type(marker_states), intent(in) :: p

@@ -20,6 +20,7 @@ module scene_model
     integer :: term = 0                         !! of the material's law
     integer :: spring = 0                       !! its number among the force elements, 0: a material's term
   end type loss_cause
+
   !> Where power comes from or goes to: one of these. Force elements, drives and joints put it in, the last ones into their body a;
   !> the materials of a body dissipate it.
   type, public :: power_source
@@ -40,21 +41,21 @@ module scene_model
     integer, allocatable :: qo(:)               !! (nb) offset of each body's x in q, from 0
     type(marker_model), allocatable :: markers(:) !! of joints, drives, springs and loads
     type(constraint_box), allocatable :: constraints(:)   !! joints in deck order, drives, then rows that switch
-    integer :: joints = 0                       !! how many of them are joints
-    integer :: permanent = 0                    !! how many of them are joints or drives
-    integer :: permanent_rows = 0               !! their rows, the first ones
+    integer :: joints = 0                       !! number of joints among the constraints
+    integer :: permanent = 0                    !! number of joints and drives
+    integer :: permanent_rows = 0               !! rows of joints and drives, the first ones
     type(coulomb_law), allocatable :: friction(:)   !! of joints; the constraints behind the permanent ones are their rows, in this
                                                     !! order, each of one row that may hold or not
-    integer :: stop_rows = 0                    !! how many of rigid stops follow, the last rows
+    integer :: stop_rows = 0                    !! rows of rigid stops, the last constraints, of one row each
     type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, then stops
-    integer :: springs = 0                      !! how many of them are springs
-    integer :: stops = 0                        !! how many of them are stops
-    logical :: laws = .false.                   !! some of them follow a motion by a history
+    integer :: springs = 0                      !! number of springs among the force elements
+    integer :: stops = 0                        !! number of stops
+    logical :: laws = .false.                   !! some force elements follow a motion by a history
     type(controller_model), allocatable :: controllers(:)
-    integer, allocatable :: switching(:)        !! those of them that have discrete states: stops, then functions of motion
-    integer :: elements = 0                     !! that have such: these, then the rows that switch
+    integer, allocatable :: switching(:)        !! force elements with discrete states: stops, then functions of motion
+    integer :: elements = 0                     !! all elements that switch: these force elements, then the rows that switch
     type(loss_cause), allocatable :: losses(:)  !! terms of materials, then springs
-    integer :: term_losses = 0                  !! how many of them are terms of materials
+    integer :: term_losses = 0                  !! number of terms of materials among the losses
     type(power_source), allocatable :: integrated(:)   !! whose powers the state integrates for sensors
     integer, allocatable :: loaded(:)           !! markers on bodies where springs and loads act, body after body
     integer, allocatable :: loaded_first(:)     !! (nb+1) first entry of each body in it

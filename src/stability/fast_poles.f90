@@ -1,6 +1,6 @@
-!> Eigenvalues of the damped mechanism on the space of its fastest motions: those of the instantaneous stiffness with those that
-!> dampers oppose most. Damping and viscoelastic terms couple these motions; one motion alone has eigenvalues
-!> that the mechanism does not have.
+!> Eigenvalues of the damped mechanism on the space of its fastest motions: the fastest modes of the instantaneous stiffness, and
+!> the motions that dampers oppose most. Damping and viscoelastic terms couple these motions; the eigenvalues of one motion alone
+!> are not those of the mechanism.
 module fast_poles
   use kinds, only: wp
   use evaluation_results, only: evaluation
@@ -16,7 +16,7 @@ module fast_poles
 
   integer, parameter :: widest = 24                !! motions of the space
   integer, parameter :: most_damped = 4            !! of these, that dampers oppose most
-  integer, parameter :: most_unknowns = 200        !! of first order, about
+  integer, parameter :: most_unknowns = 200        !! of the eigenvalue problem, as first-order equations
   integer, parameter :: least_motions = 5          !! smallest number of motions
   real(wp), parameter :: slow_part = 0.25_wp       !! squared frequency of motions that are left out, over the highest [-]
   real(wp), parameter :: least_part = 1.0e-6_wp    !! smallest stiffness of a segment that takes part, over the whole [-]

@@ -32,7 +32,7 @@ module safe_bound
     real(wp) :: touches(2) = 0.0_wp                !! its c and k, in units of the largest [-]
     type(bound_cause) :: cause                     !! the body that carries this mode
     type(step_bound) :: bound
-    integer :: limit(size(method_names)) = 0       !! where on the stretch each method's bound is, 0 to pieces
+    integer :: limit(size(method_names)) = 0       !! point of the stretch that sets each method's bound, 0 to `points`
   end type enclosing_line
 
   !> The lines by their angles, in units of the largest c and k.
@@ -45,7 +45,8 @@ module safe_bound
 
 contains
 
-  !> The safe bound: the smaller one of those with and without springs with GHM terms, since they may turn away.
+  !> The safe bound: the smaller one of two, with and without springs that have viscoelastic terms. Such a spring may turn away
+  !> from a mode that its terms damp.
   subroutine find_safe_bound(m, ev, fast, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -156,7 +157,7 @@ contains
     end associate
   end subroutine find_line
 
-  !> Bound from a line's stretch between its neighbours. GHM terms take part in k as in the mode whose c and k are nearest.
+  !> Bound from a line's stretch between its neighbours. Terms take part in k as in the mode whose c and k are nearest.
   subroutine find_steps(m, fast, e, i)
     type(mechanism_model), intent(in) :: m
     type(fast_spectrum), intent(in) :: fast

@@ -25,7 +25,7 @@ module spectrum
     real(wp) :: stiffness = 0.0_wp             !! x^T K x at E_R, springs static [1/s2]
     real(wp) :: damping = 0.0_wp               !! x^T C x [1/s]
     real(wp) :: springs = 0.0_wp               !! part of springs in x^T C x [1/s]
-    real(wp), allocatable :: segments(:)       !! x^T K_r x of each GHM segment [1/s2]
+    real(wp), allocatable :: segments(:)       !! x^T K_r x of each segment [1/s2]
     real(wp), allocatable :: x(:)              !! (n) the mode [1/sqrt(kg)]
   end type fast_mode
 
@@ -36,7 +36,7 @@ module spectrum
     real(wp), allocatable :: spring_damping(:)   !! (force elements) [N s/m] or [N m s/rad]
     logical :: damped = .false.                !! by springs or by Rayleigh damping of bodies
     logical :: loops = .false.                 !! there are forces that follow the motion of others
-    real(wp), allocatable :: ends(:, :)        !! (2, force elements) factors of their ends, negative: present direction [-]
+    real(wp), allocatable :: ends(:, :)        !! (2, force elements) factors (`spring_directions`), < 0: present direction [-]
     real(wp), allocatable :: turning(:)        !! (bodies) stiffness against turns by springs' forces, bound only [N m/rad]
     type(triplet_matrix) :: stiffness          !! of the bodies, instantaneous
     real(wp), allocatable :: v(:, :), w(:, :)  !! (n, most) Lanczos vectors and their products with the mass [kg^-.5, kg^.5]
@@ -86,11 +86,9 @@ contains
     allocate (self%ends(2, size(m%s%forces)), source=-1.0_wp)
     allocate (self%turning(size(m%s%bodies)), source=0.0_wp)
     most = min(n, most_vectors)
-    allocate (self%v(n, most + 1), self%w(n, 0:most + 1), self%r(n), self%u(n), self%start(n), self%alpha(most), &
+    allocate (self%v(n, most + 1), self%w(n, 0:most + 1), self%r(n), self%u(n), self%alpha(most), &
               self%beta(0:most), self%t(most, most), self%e(most), self%off(most), self%work(2*most))
-    do k = 1, n
-      self%start(k) = sin(1.3_wp*k**2) + 0.1_wp
-    end do
+    self%start = [(sin(1.3_wp*k**2) + 0.1_wp, k=1, n)]
   end subroutine set_up
 
   !> Springs with a characteristic count with their stiffness at the evaluated state, in place of the largest.
@@ -169,7 +167,7 @@ contains
     real(wp), intent(in) :: v(n, vectors)    !! the vectors [kg^-.5]
     real(wp), intent(in) :: w(n, vectors)    !! their products with the mass [kg^.5]
     real(wp), intent(inout) :: r(n)          !! [N]
-    real(wp) :: sums(8)                      ! eight sums: additions of one would wait for each other
+    real(wp) :: sums(8)                      ! eight sums at a time: each addition to a single one waits for the one before
     integer :: i, k
     do i = 1, vectors
       sums = 0.0_wp

@@ -1,5 +1,5 @@
-!> Bounds of explicit steps from the fast end of the spectrum: eigenvalues of the fastest modes with their damping and GHM
-!> terms, and the terms' own poles, put into each method's stability region (theory.md, section 8).
+!> Bounds of explicit steps from the fast end of the spectrum: eigenvalues of the fastest modes with their damping and
+!> viscoelastic terms, and the terms' own poles, put into each method's stability region (theory.md, section 8).
 module step_bounds
   use kinds, only: wp
   use linear_matrices, only: linear_segment
@@ -157,9 +157,9 @@ contains
   end subroutine keep_smallest
 
   !> Poles of the terms of every material and spring lie between two limits, and both are examined:
-  !>   hardly anything moves: the terms' own poles, which those of slow modes approach;
-  !>   the fastest motion with the stiffness of this material or spring alone.
-  !> The second is computed only where it can set the bound: that motion is slower than the fastest of the mechanism.
+  !> - the terms' own poles, which those of slow modes approach;
+  !> - the poles of the fastest motion that this material or spring alone holds. They are computed only where they can set the
+  !>   bound, since that motion is slower than the fastest of the mechanism.
   subroutine material_poles(m, ev, held, fast, fastest, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -169,7 +169,7 @@ contains
     type(step_bound), intent(inout) :: bound
     complex(wp), allocatable :: roots(:)
     integer, allocatable :: firsts(:)          ! one segment of each material or spring
-    real(wp), allocatable :: least(:, :)       ! steps that the poles surely allow [s]
+    real(wp), allocatable :: least(:, :)       ! (methods, firsts) steps that no pole of these makes smaller [s]
     real(wp) :: lambda
     integer :: i, k
     firsts = distinct_segments(fast%lin%segments)

@@ -115,7 +115,7 @@ contains
         bent = max(f(deflection), f(rotation)*body%length)
         if (bent > 1.0e-13_wp*body%length .and. .not. thick_named) text = text//thickness(body, stage)
         carried = part_period*body%basis%carried
-        if (ev%t*carried >= 2*pi) then       ! a start from rest looks faster than it is
+        if (ev%t*carried >= 2*pi) then       ! before one period a motion that starts from rest looks too fast
           moving = self%elastic_frequency(m, b)
           if (moving > carried) call say(body, 'moves elastically at', moving, 'rad/s, faster than its '// &
             'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
@@ -132,8 +132,8 @@ contains
     end subroutine say
   end function warnings
 
-  !> Frequency of a flexible body's elastic motion, of its rates' mean squares; 0 where nothing moves but rounding: not in
-  !> an equilibrium either.
+  !> Frequency of a flexible body's elastic motion, from the mean squares of rates and accelerations; 0 where only rounding moves,
+  !> as in an equilibrium.
   pure function elastic_frequency(self, m, b) result(moving)
     class(validity_watch), intent(in) :: self
     type(mechanism_model), intent(in) :: m
@@ -166,14 +166,14 @@ contains
     character(*), intent(in) :: stage               !! as in `warnings`
     character(:), allocatable :: text
     real(wp) :: shear                                ! [-]
-    logical :: kept                                  ! modes are chosen
+    logical :: reduced                               ! to modes
     text = ''
     shear = shear_correction(body)
     if (.not. shear > slender) return
-    kept = body%basis%reduced_from > 0
+    reduced = body%basis%reduced_from > 0
     text = sentence(body, stage, 'is so short and thick that shear and rotary inertia, which beams here lack, would lower its '// &
-                    trim(merge('highest kept', 'lowest      ', kept .and. body%nf > 1))//' frequency by', 100*shear, &
-                    '%'//trim(merge('                         ', ', and higher ones by more', kept)))
+                    trim(merge('highest kept', 'lowest      ', reduced .and. body%nf > 1))//' frequency by', 100*shear, &
+                    '%'//trim(merge('                         ', ', and higher ones by more', reduced)))
   end function thickness
 
   !> A warning with a figure.

@@ -25,9 +25,9 @@ module equilibrium
 
   integer, parameter :: most_newton = 60
   integer, parameter :: most_halvings = 10
-  integer, parameter :: most_relaxed = 400           !! steps of find_contacts
-  real(wp), parameter :: farthest = 1.0e-6_wp        !! weight of a displacement there beside a turn: bodies may come from afar [-]
-  real(wp), parameter :: landing = 50.0_wp            !! most growth of the residual in a step there: contacts may begin [-]
+  integer, parameter :: most_contact_steps = 400     !! of find_contacts
+  real(wp), parameter :: far_way = 1.0e-6_wp         !! weight of a displacement in its steps: a body may be far from its stop [-]
+  real(wp), parameter :: contact_growth = 50.0_wp    !! most growth of the residual in its steps: a contact may begin [-]
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
   real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
   real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]
@@ -35,7 +35,7 @@ module equilibrium
   !> What Newton's method did.
   type :: equilibrium_report
     real(wp) :: residual = 0.0_wp                    !! largest residual over the largest force [-]
-    real(wp) :: noise = 0.0_wp                       !! what rounding of the elastic forces alone may give of it [-]
+    real(wp) :: noise = 0.0_wp                       !! residual that rounding of the elastic forces alone may cause [-]
     real(wp) :: gap = 0.0_wp                         !! largest |Phi| over the size [-]
     real(wp) :: force = 0.0_wp                       !! largest residual [N]
     integer :: steps = 0
@@ -85,9 +85,9 @@ contains
     end do
   end subroutine find_equilibrium
 
-  !> Brings bodies to the stops that hold them: masses that creep, each step from rest (implicit steps of tau, T = M/tau^2 + K).
-  !> The steps grow while the residual does not rise, up to Newton's own (pseudo-transient continuation, Kelley & Keyes 1998).
-  !> A step may not more than double the residual, so that it ends where a contact begins.
+  !> Brings bodies to the stops that hold them, by implicit steps of tau, each from rest: T = M/tau^2 + K (pseudo-transient
+  !> continuation, Kelley & Keyes 1998). Steps grow up to Newton's own while the residual falls. They are short where a contact
+  !> begins, since the residual may grow by no more than `contact_growth`.
   subroutine find_contacts(run, options, tolerance, report)
     type(run_state), intent(inout) :: run
     type(evaluation_options), intent(in) :: options  !! the loads that act
@@ -101,7 +101,7 @@ contains
     integer :: k
     call equations(run, options, ds, r, report)
     rate = sqrt(maxval([tiny(1.0_wp), abs(run%sys%ev%a)])/(largest_turn*run%sys%m%s%size))
-    do k = 1, most_relaxed
+    do k = 1, most_contact_steps
       report%steps = k
       if (caught_signal() > 0) return
       before = report
@@ -110,10 +110,10 @@ contains
       call ds%factor()
       call ds%solve(r)
       dx = real(r(1:ds%n), wp)
-      if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run, dx, farthest) <= largest_turn) then
+      if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run, dx, far_way) <= largest_turn) then
         call move(run, dx)
         call equations(run, options, ds, r, report)
-        if (report%force <= landing*before%force .and. report%gap <= max(2*before%gap, closed)) then
+        if (report%force <= contact_growth*before%force .and. report%gap <= max(2*before%gap, closed)) then
           if (report%residual <= tolerance .and. report%gap <= closed) return
           rate = rate*min(0.5_wp, max(0.1_wp, report%force/before%force))
           cycle
@@ -155,7 +155,7 @@ contains
     end do
   end subroutine move
 
-  !> Residual, tangent and their measures at the present positions; velocities and dissipative coordinates follow.
+  !> Residual, tangent and their measures at the present positions; velocities and internal variables follow.
   subroutine equations(run, options, ds, r, report, lambda)
     type(run_state), intent(inout) :: run
     type(evaluation_options), intent(in) :: options

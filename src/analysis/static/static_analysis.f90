@@ -147,7 +147,7 @@ contains
       call stop_if_signalled('static analysis', fail)
       if (fail%happened()) exit
       part = fraction_of(run%sys%options, real(k, wp)/run%d%static%load_steps)
-      call find_closed_place(run, part, any(loose), report)
+      call balance_with_rows(run, part, any(loose), report)
       steps = steps + report%steps
       if (report%converged .and. stops) call require_held(run, loose, fail)
       if (fail%happened()) exit
@@ -182,8 +182,8 @@ contains
     if (.not. fail%happened()) call tell_growth(run, text)
   end subroutine run_static
 
-  !> The same with rigid stops: rows are added and dropped until none of these is entered or pulls.
-  subroutine find_closed_place(run, part, loose, report)
+  !> Equilibrium under a part of the loads. Rows of rigid stops are closed and opened until no stop is entered and none pulls.
+  subroutine balance_with_rows(run, part, loose, report)
     type(run_state), intent(inout) :: run
     type(evaluation_options), intent(in) :: part     !! of the loads
     logical, intent(in) :: loose                     !! only stops hold some body
@@ -192,7 +192,7 @@ contains
     integer :: pass, steps
     steps = 0
     do pass = 1, 4*run%sys%m%s%stop_rows + 1
-      call find_place(run, part, loose, report)
+      call balance_load(run, part, loose, report)
       report%steps = report%steps + steps
       steps = report%steps
       if (.not. report%converged .or. run%sys%m%s%stop_rows == 0) return
@@ -200,11 +200,13 @@ contains
       if (.not. changed) return
     end do
     report%converged = .false.
-  end subroutine find_closed_place
+  end subroutine balance_with_rows
 
-  !> Equilibrium under a part of the loads. Bodies that only stops hold come to these first, and so do those for which Newton's
-  !> method finds nothing.
-  subroutine find_place(run, part, loose, report)
+  !> The same, the rows of rigid stops as they are. Newton's method alone finds no contact; so bodies first move until a stop
+  !> holds them
+  !> - where only stops hold some body;
+  !> - where Newton's method has found nothing.
+  subroutine balance_load(run, part, loose, report)
     type(run_state), intent(inout) :: run
     type(evaluation_options), intent(in) :: part     !! of the loads
     logical, intent(in) :: loose                     !! only stops hold some body
@@ -222,7 +224,7 @@ contains
       steps = report%steps
       if (report%converged) exit
     end do
-  end subroutine find_place
+  end subroutine balance_load
 
   !> Refuses a state in which bodies that only stops can hold are held by none, with the names of the stops that are open.
   subroutine require_held(run, loose, fail)

@@ -26,7 +26,7 @@ contains
       call text%figure(' of the size), velocity ', 'velocity_violation', b%violation(2), 3, rest=' m/s')
       call text%figure('  energy residual: largest ', 'energy_residual', b%largest_residual, 3)
       call text%figure(' J, at the end ', 'energy_residual_at_end', b%row(5), 3)
-      call text%figure(' J; largest swing of an energy ', 'energy_swing', maxval(b%high - b%low), 3, rest=' J')
+      call text%figure(' J; largest swing of an energy ', 'energy_swing', maxval(b%kinds%high - b%kinds%low), 3, rest=' J')
       if (run%d%transient%method == 'generalized_alpha' .or. run%d%transient%method == 'radau') then
         call text%figure('  energy removed by the method itself: ', 'energy_removed', march%method%removed, 3)
         call text%line(' J, numerical damping that the residual shows; without it the residual at the end: '// &

@@ -16,7 +16,7 @@ module checkpoint
   public :: write_checkpoint, read_checkpoint, remove_checkpoint
 
   character(*), parameter :: name = '/checkpoint'
-  character(*), parameter :: layout = ' values 3'            !! what is in an archive, to be counted up where that changes
+  character(*), parameter :: layout = ' values 4'            !! what is in an archive, to be counted up where that changes
   integer(ip), parameter :: mark = 7089336938131513954_ip    !! first word of every checkpoint
   integer, parameter :: frame = 6                            !! words beside the values
 

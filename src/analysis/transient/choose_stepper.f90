@@ -50,7 +50,7 @@ contains
       settings%tolerance = r%tolerance
       settings%first_step = r%first_step
       if (r%max_step > 0.0_wp) settings%max_step = r%max_step
-      call stop_times(r, s, settings%stops, settings%jumps)
+      call step_ends(r, s, settings%stops, settings%jumps)
     end associate
     call group_unknowns(s, march%norm)
     march%norm%fastest = fastest
@@ -67,10 +67,10 @@ contains
   !> Times that end a step: the breakpoints of histories of loads, drives and controllers, and the end of the run; and whether
   !> accelerations jump there. Orders of breakpoints are those of accelerations. Fixed steps end at breakpoints that the method's
   !> order feels; those by the error also at one that its estimate feels.
-  subroutine stop_times(r, s, stops, jumps)
+  subroutine step_ends(r, s, ends, jumps)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s
-    real(wp), allocatable, intent(out) :: stops(:)     !! [s]
+    real(wp), allocatable, intent(out) :: ends(:)      !! [s]
     logical, allocatable, intent(out) :: jumps(:)
     type(breakpoint), allocatable :: list(:)
     integer :: k
@@ -85,7 +85,7 @@ contains
       list = merged(list, s%controllers(k)%breakpoints(r%t_end))
     end do
     list = pack(list, list%order <= method_order(r%method) - merge(0, 2, r%adaptive))
-    stops = [list%time, r%t_end]
+    ends = [list%time, r%t_end]
     jumps = [list%order == 0, .false.]
-  end subroutine stop_times
+  end subroutine step_ends
 end module choose_stepper

@@ -7,7 +7,7 @@ module column_ranges
   implicit none (type, external)
   private
 
-  real(wp), parameter :: digits = 1.0e-10_wp  !! what a column moves beside the largest value of its kind, if that is rounding [-]
+  real(wp), parameter :: digits = 1.0e-10_wp  !! range over the largest value of the kind that is rounding [-]
 
   !> Ranges of all columns.
   type, public :: column_range
@@ -70,32 +70,33 @@ contains
     real(wp) :: largest(size(self%low))
     character(len(names)) :: unit(size(self%low))
     real(wp) :: mine
-    real(wp) :: bent                          ! stress of a section that a unit moment bends [1/m3]
+    real(wp) :: stress_by_moment              ! stress of a section that a unit moment bends [1/m3]
     integer :: k, j
-    bent = s%size**(-3)
+    stress_by_moment = s%size**(-3)
     do k = 1, size(s%bodies)
-      if (allocated(s%bodies(k)%elements)) bent = max(bent, maxval(s%bodies(k)%elements%fibre/s%bodies(k)%elements%second))
+      if (.not. allocated(s%bodies(k)%elements)) cycle
+      stress_by_moment = max(stress_by_moment, maxval(s%bodies(k)%elements%fibre/s%bodies(k)%elements%second))
     end do
     do k = 1, size(unit)
       unit(k) = names(k)(index(names(k), '[') + 1:)
     end do
     do k = 1, size(unit)
-      largest(k) = unit_scale(trim(unit(k)), sum(s%bodies%mass), s%size, time, bent)
+      largest(k) = unit_scale(trim(unit(k)), sum(s%bodies%mass), s%size, time, stress_by_moment)
       do j = 1, size(unit)
         mine = max(abs(self%low(j)), abs(self%high(j)))
         if (unit(j) == unit(k)) largest(k) = max(largest(k), mine)
         if (unit(j) == 'N]' .and. unit(k) == 'Nm]') largest(k) = max(largest(k), mine*s%size)
         if (unit(j) == 'Nm]' .and. unit(k) == 'N]') largest(k) = max(largest(k), mine/s%size)
-        if (unit(j) == 'Nm]' .and. unit(k) == 'Pa]') largest(k) = max(largest(k), mine*bent)
+        if (unit(j) == 'Nm]' .and. unit(k) == 'Pa]') largest(k) = max(largest(k), mine*stress_by_moment)
       end do
     end do
   end function sizes
 
   !> A value of a unit, made of a mass, a length and a time [of the unit].
-  pure function unit_scale(unit, mass, length, time, bent) result(x)
+  pure function unit_scale(unit, mass, length, time, stress_by_moment) result(x)
     character(*), intent(in) :: unit
     real(wp), intent(in) :: mass, length, time   !! [kg], [m], [s]
-    real(wp), intent(in) :: bent              !! stress of a unit moment [1/m3]
+    real(wp), intent(in) :: stress_by_moment  !! stress of a unit moment [1/m3]
     real(wp) :: x
     select case (unit(:scan(unit//'/]', '/]') - 1))
     case ('m')
@@ -107,7 +108,7 @@ contains
     case ('W')
       x = mass*(length/time)**2/time
     case ('Pa')
-      x = mass*(length/time)**2*bent
+      x = mass*(length/time)**2*stress_by_moment
     case ('kg^.5*m')
       x = sqrt(mass)*length
     case default                              ! rad

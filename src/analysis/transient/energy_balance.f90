@@ -8,6 +8,7 @@
 module energy_balance
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use column_ranges, only: column_range
   use energy, only: energies
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -22,14 +23,13 @@ module energy_balance
     real(wp) :: start(2) = 0.0_wp             !! kinetic and potential energy at t = 0 [J]
     real(wp) :: least = 0.0_wp                !! energies below it move nothing that counts [J]
     real(wp) :: in_reach = 0.0_wp             !! what the forces of the start could do until the first row [J]
-    real(wp) :: largest_balanced = 0.0_wp                 !! largest energy of the rows whose balance is not lost [J]
-    real(wp) :: largest(4) = 0.0_wp           !! absolute energies, whose rounding the residual contains [J]
-    real(wp) :: low(4) = 0.0_wp, high(4) = 0.0_wp   !! smallest and largest energies [J]
-    real(wp), allocatable :: along(:, :)      !! (2, 0:nb) kinetic energy along x, y: 0: mass centre; bodies: relative to it [J]
-    real(wp), allocatable :: along_low(:, :), along_high(:, :)  !! (2, 0:nb) smallest and largest [J]
-    integer(ip) :: steps = 0                  !! that the last row took
+    real(wp) :: largest_balanced = 0.0_wp     !! largest energy of the rows whose balance is not lost [J]
+    type(column_range) :: kinds               !! smallest and largest of the four energies [J]
+    real(wp), allocatable :: along(:)         !! (2 nb + 2) kinetic energy along x, y: of the mass centre, of bodies beside it [J]
+    type(column_range) :: along_range         !! smallest and largest of these [J]
     real(wp), allocatable :: strain(:)        !! (nb) energy stored in the deformation of each body [J]
-    real(wp), allocatable :: strain_low(:), strain_high(:)      !! (nb) smallest and largest [J]
+    type(column_range) :: strain_range        !! smallest and largest of these [J]
+    integer(ip) :: steps = 0                  !! that the last row took
     real(wp) :: largest_residual = 0.0_wp     !! [J]
     real(wp) :: violation(2) = 0.0_wp         !! largest, of positions [m] and of velocities [m/s]
   contains
@@ -54,8 +54,10 @@ contains
     integer :: nb
     nb = size(m%s%bodies)
     self%least = sum(m%s%bodies%mass)*(1.0e-6_wp*m%s%size/t_end)**2   ! a millionth of the scene's size in the run
-    allocate (self%along(2, 0:nb), self%along_low(2, 0:nb), self%along_high(2, 0:nb), source=0.0_wp)
-    allocate (self%strain(nb), self%strain_low(nb), self%strain_high(nb), source=0.0_wp)
+    allocate (self%along(2*nb + 2), self%strain(nb), source=0.0_wp)
+    call self%kinds%begin(4)
+    call self%along_range%begin(2*nb + 2)
+    call self%strain_range%begin(nb)
   end subroutine begin
 
   !> Reads the energies and violations of the state of an evaluation; first: the one at t = 0.
@@ -76,15 +78,7 @@ contains
         x(8) = merge(sum(each(:stops)), x(9), stops > 0)
       end associate
       call kinetic_by_direction(m, ev, y(nq + 1:2*nq), self%along)
-      if (first) then
-        self%along_low = self%along
-        self%along_high = self%along
-        self%start = x(1:2)
-        self%low = x(1:4)
-        self%high = x(1:4)
-        self%strain_low = self%strain
-        self%strain_high = self%strain
-      end if
+      if (first) self%start = x(1:2)
       x(5) = x(1) + x(2) + x(3) - x(4) - sum(self%start)
     end associate
   end subroutine read
@@ -95,7 +89,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)              !! (nq) [m/s, rad/s]
-    real(wp), intent(out) :: along(:, 0:)     !! (2, 0:nb) [J]
+    real(wp), intent(out) :: along(2, 0:size(m%s%bodies))   !! [J]
     real(wp) :: momentum(2), mass             ! [kg m/s], [kg]
     integer :: b
     momentum = 0.0_wp
@@ -134,13 +128,9 @@ contains
     class(balance_watch), intent(inout) :: self
     integer(ip), intent(in) :: steps          !! taken so far
     self%steps = steps
-    self%along_low = min(self%along_low, self%along)
-    self%along_high = max(self%along_high, self%along)
-    self%low = min(self%low, self%row(1:4))
-    self%high = max(self%high, self%row(1:4))
-    self%largest = max(self%largest, abs(self%row(1:4)))
-    self%strain_low = min(self%strain_low, self%strain)
-    self%strain_high = max(self%strain_high, self%strain)
+    call self%kinds%note(self%row(1:4))
+    call self%along_range%note(self%along)
+    call self%strain_range%note(self%strain)
     self%largest_residual = max(self%largest_residual, abs(self%row(5)))
     self%violation = max(self%violation, self%row(6:7))
   end subroutine count
@@ -151,9 +141,11 @@ contains
     class(balance_watch), intent(in) :: self
     real(wp) :: energy
     if (self%exchanged()) then
-      energy = max(maxval(self%high - self%low), maxval(sum(self%along_high - self%along_low, 2)))
+      associate (turns => self%along_range%high - self%along_range%low)
+        energy = maxval([self%kinds%high - self%kinds%low, sum(turns(1::2)), sum(turns(2::2))])
+      end associate
     else
-      energy = self%largest(1)
+      energy = self%kinds%high(1)
     end if
     if (.not. energy > floor_of(self)) energy = 0.0_wp
   end function moved
@@ -161,7 +153,7 @@ contains
   !> Whether kinetic energy is exchanged with another kind.
   pure logical function exchanged(self)
     class(balance_watch), intent(in) :: self
-    exchanged = maxval(self%high(2:4) - self%low(2:4)) > floor_of(self)
+    exchanged = maxval(self%kinds%high(2:4) - self%kinds%low(2:4)) > floor_of(self)
   end function exchanged
 
   !> Energies below it say nothing: too small to move anything, or of the size of rounding [J].
@@ -170,7 +162,7 @@ contains
     real(wp) :: energy
     real(wp) :: rounding                      ! of energies, and of the work summed in all steps [-]
     rounding = (1.0e4_wp + real(self%steps, wp))*epsilon(1.0_wp)
-    energy = max(self%least, rounding*maxval(self%largest))
+    energy = max(self%least, rounding*maxval(abs([self%kinds%low, self%kinds%high])))
   end function floor_of
 
   !> Largest residual over the energy that moved; 0 where none did [-].
@@ -194,7 +186,7 @@ contains
     x = 0.0_wp
     energy = huge(1.0_wp)
     do b = 1, size(self%strain)
-      swing = self%strain_high(b) - self%strain_low(b)
+      swing = self%strain_range%high(b) - self%strain_range%low(b)
       if (.not. swing > floor_of(self) .or. swing >= energy) cycle
       body = b
       energy = swing
@@ -209,11 +201,10 @@ contains
     call a%exchange(self%row, self%start)
     call a%exchange(self%in_reach)
     call a%exchange(self%largest_balanced)
-    call a%exchange(self%largest, self%low, self%high)
-    call a%exchange(self%along_low)
-    call a%exchange(self%along_high)
+    call self%kinds%exchange(a)
+    call self%along_range%exchange(a)
     call a%exchange(self%steps)
-    call a%exchange(self%strain_low, self%strain_high)
+    call self%strain_range%exchange(a)
     call a%exchange(self%largest_residual)
     call a%exchange(self%violation)
   end subroutine exchange

@@ -1,5 +1,5 @@
 !> Groups of unknowns that share a scale (input/README.md, &transient tolerance): in each body its translations, its angle,
-!> deflections, nodal rotations, dissipative extensions and dissipative rotations, and the rates of each; modes and springs
+!> deflections, nodal rotations, internal variables of extensions and of rotations, and the rates of each; modes and springs
 !> have groups of their own. Energies are not measured: they follow the motion.
 module error_groups
   use kinds, only: wp
@@ -29,10 +29,8 @@ contains
     allocate (norm%rate(n), norm%slope(n), source=.false.)
     allocate (norm%largest(n), norm%scale(n), norm%steepest(n), norm%noise(n), source=0.0_wp)
     norm%rate(2:n:2) = .true.
-    do b = 1, size(s%bodies)                   ! accelerations of frames and elastic coordinates
-      norm%slope([number(b, translation), number(b, angle), number(b, deflection), number(b, rotation)] + 1) = .true.
-    end do
     do b = 1, size(s%bodies)
+      norm%slope([(number(b, k), k=translation, rotation)] + 1) = .true.   ! accelerations of frames and elastic coordinates
       call group_body(s, b, norm)
       associate (x => [number(b, deflection), number(b, rotation)])
         norm%bound(x) = absurd*norm%floor(x)

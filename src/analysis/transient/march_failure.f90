@@ -24,7 +24,7 @@ module march_failure
 
   integer, parameter :: trouble_masses = -1    !! no stepper's own
   real(wp), parameter :: nearly_locked = 0.9_wp   !! Painleve's ratio from which a lost solution is friction's [-]
-  real(wp), parameter :: hopeless = 1.0e-9_wp  !! a stable step of the run: what moves so fast is shaken by rounding [-]
+  real(wp), parameter :: shortest_step = 1.0e-9_wp   !! stable step over the run: rounding disturbs what moves faster [-]
 
   character(*), parameter :: beyond_reach = '; joints and drives may demand the impossible there, such as a drive beyond '// &
                                             'the reach of the mechanism'
@@ -64,8 +64,8 @@ contains
                     'check the drive and the geometry', run)
     case (trouble_accuracy, trouble_rounding)
       text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
-             culprit(run, norm, march%trial)//strongest(run)
-      if (run%stable_step < hopeless*run%d%transient%t_end) then
+             growing_body(run, norm, march%trial)//largest_reactions(run)
+      if (run%stable_step < shortest_step*run%d%transient%t_end) then
         text = text//'; light masses or stiff springs ask for steps below '//number(run%stable_step)//' s, whose motion '// &
                'rounding shakes: check them, or use radau'
       else if (march%trouble == trouble_rounding) then
@@ -78,7 +78,7 @@ contains
                'tolerance'
       end if
     case (trouble_iteration)
-      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//culprit(run, norm, march%trial)
+      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//growing_body(run, norm, march%trial)
       if (run%sys%m%s%rows > 0) then
         text = text//beyond_reach//advice('or the step is too large: check the drive, or try a smaller step', &
                                           'check the drive and the geometry', run)
@@ -94,10 +94,10 @@ contains
                'a limit that yields too little: check limits and stiffnesses'
       end if
     case default      ! trouble_size
-      text = 'the solution diverged at t = '//number(march%tried)//' s'//culprit(run, norm, march%trial)
+      text = 'the solution diverged at t = '//number(march%tried)//' s'//growing_body(run, norm, march%trial)
       text = text//advice(too_large, 'no step is small enough: check the loads', run)
     end select
-    call fail%raise(status_failed, text//'. '//kept(last))
+    call fail%raise(status_failed, text//'. '//complete_until(last))
     if (trouble /= trouble_masses) return
     b = weakest_constraint(run%sys%m, run%sys%ev)
     if (b > 0) fail%deck_line = deck_line_of(run%d, b)
@@ -132,7 +132,7 @@ contains
       k = maxloc(ratios, 1)
       ratio = ratios(k)
       if (.not. ratio > nearly_locked) then
-        text = 'no joint with friction was found to stick or slip by its law at t = '//number(t)//' s'//strongest(run)// &
+        text = 'no joint with friction was found to stick or slip by its law at t = '//number(t)//' s'//largest_reactions(run)// &
                '; expected smaller coefficients, or elastic bodies that decide how joints share a load'
         return
       end if
@@ -153,8 +153,9 @@ contains
     type(failure), intent(inout) :: fail
     call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: the energy balance is off by '// &
                     number(residual)//' J, where energies were up to '//number(energy)//' J'// &
-                    culprit(run, norm, run%y)//strongest(run)//advice(too_large, 'check drives and near-singular positions, or '// &
-                                                                      'try a smaller tolerance', run)//'. '//kept(last))
+                    growing_body(run, norm, run%y)//largest_reactions(run)// &
+                    advice(too_large, 'check drives and near-singular positions, or try a smaller tolerance', run)//'. '// &
+                    complete_until(last))
   end subroutine explain_balance
 
   !> A body that deflects beyond all sense, though the equations are integrated well.
@@ -167,7 +168,7 @@ contains
                     ' deflects by more than a thousand times the size of the scene'// &
                     advice(too_large//'; or ', '', run)//'the motion itself grows without bound: a beam that spins '// &
                     'faster than its first bending frequency needs stiffening=.true., loads may exceed a buckling load. '// &
-                    kept(last))
+                    complete_until(last))
   end subroutine explain_shape
 
   !> Joints that have drifted apart in a run that does not close them.
@@ -180,7 +181,7 @@ contains
     call open_constraints(run%sys%m, run%sys%ev, names, gap)
     call fail%raise(status_failed, 'the joints have drifted apart by t = '//number(t)//' s: '//names//' (by '//number(gap)// &
                     ' m), more than a hundredth of the scene''s size; a drive may demand the impossible there; try '// &
-                    'stabilization=''projection'', or a smaller step or tolerance. '//kept(last))
+                    'stabilization=''projection'', or a smaller step or tolerance. '//complete_until(last))
   end subroutine explain_drift
 
   !> A rigid stop against which something moves that cannot give way.
@@ -219,7 +220,7 @@ contains
   end function last_elements
 
   !> The body that grows most, as part of a sentence.
-  function culprit(run, norm, y) result(text)
+  function growing_body(run, norm, y) result(text)
     type(run_state), intent(in) :: run
     type(error_norm), intent(in) :: norm
     real(wp), intent(in) :: y(:)               !! (n) the state given up [m, rad], [m/s, rad/s], [J]
@@ -228,7 +229,7 @@ contains
     b = fastest_growth(norm, size(run%sys%m%s%bodies), y)
     text = ''
     if (b > 0) text = ', the coordinates of body '//name_of(run, b)//' grow most'
-  end function culprit
+  end function growing_body
 
   !> A body's name in quotes.
   function name_of(run, b) result(text)
@@ -239,7 +240,7 @@ contains
   end function name_of
 
   !> The joints and drives with the largest multipliers at the last evaluation, as part of a sentence.
-  function strongest(run) result(text)
+  function largest_reactions(run) result(text)
     type(run_state), intent(in) :: run
     character(:), allocatable :: text
     real(wp) :: force(size(run%sys%m%s%constraints))   !! [N]
@@ -247,7 +248,11 @@ contains
     integer :: k, n
     text = ''
     if (size(force) == 0) return
-    force = reactions(run)
+    do k = 1, size(force)
+      associate (c => run%sys%m%s%constraints(k)%item)
+        force(k) = maxval(abs(run%sys%ev%lambda(c%first:c%first + c%rows - 1)))
+      end associate
+    end do
     largest = maxval(force)
     do n = 1, min(4, size(force))
       k = maxloc(force, 1)
@@ -257,19 +262,7 @@ contains
       force(k) = -1.0_wp
     end do
     text = ', the largest reactions are those of'//text
-  end function strongest
-
-  !> The largest multiplier of each joint and drive.
-  pure function reactions(run) result(force)
-    type(run_state), intent(in) :: run
-    real(wp) :: force(size(run%sys%m%s%constraints))   !! [N]
-    integer :: k
-    do k = 1, size(force)
-      associate (c => run%sys%m%s%constraints(k)%item)
-        force(k) = maxval(abs(run%sys%ev%lambda(c%first:c%first + c%rows - 1)))
-      end associate
-    end do
-  end function reactions
+  end function largest_reactions
 
   !> What to try, for fixed and for adaptive steps.
   pure function advice(fixed, free, run) result(text)
@@ -281,11 +274,11 @@ contains
   end function advice
 
   !> Up to when results are complete.
-  function kept(last) result(text)
+  function complete_until(last) result(text)
     real(wp), intent(in) :: last               !! [s]
     character(:), allocatable :: text
     text = 'Results up to t = '//number(last)//' s are complete'
-  end function kept
+  end function complete_until
 
   !> A number in a few digits.
   function number(x) result(text)

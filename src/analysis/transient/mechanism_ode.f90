@@ -153,7 +153,7 @@ contains
     ok = .not. bad
   end subroutine mechanism_prepare
 
-  !> Takes the dissipative coordinates of residuals to come, at zero deformation.
+  !> Takes the internal variables of the next residuals, at zero deformation.
   subroutine give_internal(self, z)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: z(:)  !! (nz) [m, rad]

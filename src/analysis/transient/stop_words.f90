@@ -8,7 +8,7 @@ module stop_words
   use scene_run, only: run_state, warn
   use step_bounds, only: step_of
   use step_counts, only: actual_step
-  use stop_advice, only: cannot_follow, follows
+  use stop_advice, only: cannot_follow
   use summary_text, only: summary_record
   use text, only: es_text, to_text
   use transient, only: transient_march
@@ -34,7 +34,10 @@ contains
       call text%figure(', let go before they opened ', 'let_go', sum(all%let_go))
       call text%figure(', pressed again ', 'pressed', sum(all%pressed), rest='')
       call text%close()
-      if (.not. run%d%transient%adaptive) call tell_division(run, text)
+      associate (r => run%d%transient, h => run%sys%shortest_limit)
+        if (.not. r%adaptive .and. h < actual_step(r%output_step, r%step)) call text%figure('  steps were divided while stops '// &
+          'touched, the shortest contact allows ', 'step_in_contact', h, 3, rest=' s')
+      end associate
       call tell_bound(run, text)
       if (march%files%events > most_events) call text%line('  events.txt has the first '//to_text(most_events)//' of them')
       call text%open('stops', '[')
@@ -44,16 +47,6 @@ contains
       call text%close()
     end associate
   end subroutine stop_lines
-
-  !> Says that fixed steps were divided, where they were.
-  subroutine tell_division(run, text)
-    type(run_state), intent(in) :: run
-    type(summary_record), intent(inout) :: text
-    associate (r => run%d%transient, h => run%sys%shortest_limit)
-      if (h < actual_step(r%output_step, r%step)) call text%figure('  steps were divided while stops touched, the shortest '// &
-        'contact allows ', 'step_in_contact', h, 3, rest=' s')
-    end associate
-  end subroutine tell_division
 
   !> The current bound with the stiffness of contacts: that of the stop whose mode is the fastest. The largest eigenvalue of
   !> K + k g g' is at most the sum of that of K and of k g' M^-1 g.
@@ -132,13 +125,14 @@ contains
     integer, intent(in) :: i                   !! its number among those that switch
     type(summary_record), intent(inout) :: text
     type(evaluation) :: work
-    integer :: side, b
+    character(:), allocatable :: limit
+    integer :: side
     associate (m => run%sys%m, x => run%sys%tally(i), f => run%sys%m%s%forces(run%sys%m%s%switching(i))%item)
       do side = 1, 2
-        b = m%s%markers(merge(f%ia, f%ib, side == 1))%body
-        if (follows(m, b, x%briefest)) cycle
-        call warn(run, 'a contact with stop "'//trim(f%name)//'" lasts'//es_text(x%briefest, 2)//' s, '//cannot_follow(m, b)// &
-          ': its force is not converged (more elements or modes, or a softer stop)', text)
+        limit = cannot_follow(m, merge(f%ia, f%ib, side == 1), x%briefest)
+        if (len(limit) == 0) cycle
+        call warn(run, 'a contact with stop "'//trim(f%name)//'" lasts'//es_text(x%briefest, 2)//' s, '//limit//': its '// &
+                  'force is not converged (more elements or modes, or a softer stop)', text)
       end do
       if (x%mass < huge(1.0_wp) .or. .not. x%depth > 0.0_wp) return
       work = run%sys%ev

@@ -6,8 +6,7 @@ module transient_summary
   use material_band, only: motion_outside_band
   use scene_run, only: run_state, warn
   use step_counts, only: actual_step
-  use friction_words, only: friction_lines
-  use loss_words, only: loss_lines
+  use loss_words, only: friction_lines, loss_lines
   use stop_words, only: stop_lines
   use summary, only: add_warnings
   use summary_text, only: summary_record

@@ -50,7 +50,7 @@ contains
     integer, intent(in) :: ne, nd, nf
     integer, intent(in) :: edof(6, ne)
     real(wp), intent(in) :: factors(10, ne) !! constants of the elements, units in the header [m, kg, N m, ...]
-    real(wp), intent(in) :: ds(nd, ne)      !! deformations with GHM differences [m, rad, rad]
+    real(wp), intent(in) :: ds(nd, ne)      !! deformations with terms' differences [m, rad, rad]
     real(wp), intent(in) :: thetad          !! [rad/s]
     real(wp), intent(in) :: qx(0:nf), vx(0:nf)          !! coordinates and rates, entry 0 is zero [m, rad], [m/s, rad/s]
     real(wp), intent(inout) :: elastic_force(0:nf)   !! Q_f, entry 0 is thrown away [N, N m]
@@ -123,7 +123,7 @@ contains
   pure subroutine add_elastic(nd, factors, ds, y1, y2)
     integer, intent(in) :: nd               !! 3, or 2 without axial deformation
     real(wp), intent(in) :: factors(10)     !! constants of the element, units in the header [m, kg, N m, ...]
-    real(wp), intent(in) :: ds(nd)          !! deformations with GHM differences [m, rad, rad]
+    real(wp), intent(in) :: ds(nd)          !! deformations with terms' differences [m, rad, rad]
     real(wp), intent(inout) :: y1(3), y2(3) !! [N], [N], [N m]
     real(wp) :: n, p1, p2, s                ! normal force [N], end moments [N m], transverse force [N]
     n = 0.0_wp

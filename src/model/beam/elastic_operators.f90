@@ -18,9 +18,9 @@ module elastic_operators
     real(wp), allocatable :: k(:)            !! stiffness at E_R, without stiffening [N/m, N, N m]
     real(wp), allocatable :: z(:)            !! Z on its own pattern [kg, kg m, kg m2]
     logical :: rotary = .false.              !! j is not zero
-    ! stiffness that GHM terms multiply, as a list: an element's entries, or those of a material's modal stiffness
+    ! stiffness that viscoelastic terms multiply, as a list of entries: of elements, or of a material's modal stiffness
     integer, allocatable :: entry(:)         !! place of each entry in the symmetric pattern
-    integer, allocatable :: segment(:)       !! GHM segment of the body
+    integer, allocatable :: segment(:)       !! viscoelastic segment of the body
     real(wp), allocatable :: part(:)         !! [N/m, N, N m]
   end type elastic_operator
 
@@ -112,16 +112,22 @@ contains
     if (op%rotary) call add_product(op%symmetric, op%j, x, y)
   end subroutine mass_product
 
-  !> x^T A y, A given by its entries on a pattern.
+  !> x^T A y, A given by its entries on a pattern; allocates nothing.
   pure function bilinear(pattern, a, x, y) result(total)
     type(symmetric_pattern), intent(in) :: pattern
     real(wp), intent(in) :: a(:)                   !! (entries) [any]
     real(wp), intent(in) :: x(:), y(:)             !! (n) [any]
     real(wp) :: total                              !! [any]
-    real(wp) :: ay(size(y))                        ! A y [any]
-    ay = 0.0_wp
-    call add_product(pattern, a, y, ay)
-    total = dot_product(x, ay)
+    real(wp) :: s
+    integer :: i, k
+    total = 0.0_wp
+    do i = 1, size(x)
+      s = 0.0_wp
+      do k = pattern%first(i), pattern%first(i + 1) - 1
+        s = s + a(k)*y(pattern%row(k))
+      end do
+      total = total + x(i)*s
+    end do
   end function bilinear
 
   !> y <- y + A x, A given by its entries on a pattern.

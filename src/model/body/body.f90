@@ -43,14 +43,14 @@ module body
     procedure :: moment
   end type shape_integrals
 
-  !> What tells nodal coordinates from modal amplitudes: the kinds of flexible body.
+  !> The kinds of flexible body: nodal coordinates, or modal amplitudes.
   type, abstract, public :: elastic_basis
     integer :: factors = 0                    !! factored mass matrices: none where m_ff is the unit matrix
     integer :: reduced_from = 0               !! nodal coordinates before a reduction to modes; 0: they are the coordinates
     integer :: static_shapes = 0              !! static shapes among the coordinates
     real(wp) :: unit = 1.0_wp                 !! metres in a unit of what is no rotation: 1, of modes m^-1/2 [-]
     logical, allocatable :: rotation(:)       !! (nf) whether a coordinate is a node's rotation
-    real(wp), allocatable :: reach(:)         !! (nf) largest displacement or rotation that a unit of it makes [-, kg^-1/2]
+    real(wp), allocatable :: reach(:)         !! (nf) largest displacement or rotation of a node by a unit of it [-, kg^-1/2]
     logical, allocatable :: angle(:)          !! whether a row of the deformations is an angle
     integer :: columns = 0                    !! of the deformations
     real(wp) :: carried = 0.0_wp              !! highest frequency that the coordinates carry [rad/s]

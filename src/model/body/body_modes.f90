@@ -16,10 +16,10 @@ module body_modes
 
   integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
   integer, parameter :: polish_passes = 2, most_passes = 200
-  integer, parameter :: static_passes = 3 !! solutions with a shifted stiffness until a static one is exact
+  integer, parameter :: static_passes = 3 !! solutions with a shifted stiffness that make one static solution
   real(wp), parameter :: as_one_beam = 500.0_wp   !! squared lowest frequency of a free beam, of EI/(m l^3) [-]
   integer, parameter :: most_corrections = 10    !! of a solution: a factor that needs more has lost its digits
-  real(wp), parameter :: exact = 1.0e-7_wp       !! last correction: frequencies err by its square, root of energies [-]
+  real(wp), parameter :: last_correction = 1.0e-7_wp   !! root of its energy over the solution's; frequencies err by the square [-]
   real(wp), parameter :: dependent = 1.0e-7_wp   !! what is left of a shape that the others already contain [-]
   real(wp), parameter :: far_below = 1.0e-3_wp   !! of the largest squared frequency: dense modes below it are polished [-]
 
@@ -29,8 +29,8 @@ module body_modes
     type(band_factor) :: factor                          !! of K + shift M
     type(body_model) :: body
     type(nodal_model) :: elements                        !! deformations and forces of its elements
-    logical :: exactly = .true.                          !! whether solutions are made exact
-    logical :: unsettled = .false.                       !! one could not be
+    logical :: corrected = .true.                        !! solutions are corrected by their residuals
+    logical :: not_converged = .false.                   !! the corrections of one did not converge
   contains
     procedure :: set_up
     procedure :: solve
@@ -52,17 +52,17 @@ contains
   end subroutine lowest_modes
 
   !> The same with a shift of the operator.
-  subroutine modes_with_shift(b, modes, large, x, w, bad)
+  subroutine modes_with_shift(b, modes, large_shift, x, w, bad)
     type(body_model), intent(in) :: b
     integer, intent(in) :: modes
-    logical, intent(in) :: large                         !! a shift of the order of the lowest frequency
+    logical, intent(in) :: large_shift                   !! of the order of the lowest squared frequency
     real(wp), allocatable, intent(out) :: x(:, :)        !! (nf, modes) mass-normalised [m, rad, over kg^.5 m]
     real(wp), allocatable, intent(out) :: w(:)           !! (modes) squared frequencies [rad2/s2]
     logical, intent(out) :: bad
     type(body_operator) :: op
     real(wp) :: highest                                  ! squared frequency that is known [rad2/s2]
     integer :: j
-    call op%set_up(b, large, bad)
+    call op%set_up(b, large_shift, bad)
     if (bad) return
     if (b%nf <= dense_size .or. 2*(modes + size(op%rigid, 2)) >= b%nf) then
       call dense_modes(b, op, modes, x, w, highest, bad)
@@ -73,7 +73,7 @@ contains
       highest = w(modes)
     end if
     call polish(op, x(:, 1:count(w <= far_below*highest)), bad)
-    bad = bad .or. op%unsettled
+    bad = bad .or. op%not_converged
     do j = 1, size(x, 2)
       w(j) = dot_product(x(:, j), op%stiffness_times(x(:, j)))
     end do
@@ -113,7 +113,7 @@ contains
     allocate (lambda(n - m), work(40*(n - m) + 1))
     kk = matmul(transpose(y(:, m + 1:n)), f(:, m + 1:n))
     call dsyev('V', 'U', n - m, kk, max(1, n - m), lambda, work, size(work), info)
-    bad = info /= 0 .or. op%unsettled
+    bad = info /= 0 .or. op%not_converged
     if (bad) return
     x = reshape([x, matmul(y(:, m + 1:n), kk)], [b%nf, n])
     w = [w, lambda - op%shift]
@@ -138,7 +138,7 @@ contains
       loads(:, j) = scale*f
       y(:, j) = scale*y(:, j)
     end do
-    bad = op%unsettled
+    bad = op%not_converged
   end subroutine static_displacements
 
   !> Displacements y under a load, balanced by the inertia of free rigid motions, and the force f with (K + shift M) y = f.
@@ -164,16 +164,16 @@ contains
 
   !> Prepares the operator. A shift far below the lowest frequency, zero where no rigid motion is free, parts the lowest modes in
   !> few solutions; the factor of one with a large shift loses fewer digits.
-  subroutine set_up(self, b, large, bad)
+  subroutine set_up(self, b, large_shift, bad)
     class(body_operator), intent(inout) :: self
     type(body_model), intent(in) :: b
-    logical, intent(in) :: large                         !! a shift of the order of the lowest frequency
+    logical, intent(in) :: large_shift                   !! of the order of the lowest squared frequency
     logical, intent(out) :: bad                          !! the stiffness is not positive definite
     self%body = b
     self%elements = element_basis(b)
     call find_rigid_modes(b, self)
     self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
-    if (large) then
+    if (large_shift) then
       self%shift = as_one_beam*self%shift
     else if (size(self%rigid, 2) == 0) then
       self%shift = 0.0_wp
@@ -216,7 +216,7 @@ contains
     real(wp), intent(inout) :: y(:)                      !! (nf) forces [N, N m], then displacements [m, rad]
     real(wp) :: force(size(y)), residual(size(y)), correction(size(y))   ! [N, N m], [N, N m], [m, rad]
     integer :: i, pass
-    if (self%unsettled) return
+    if (self%not_converged) return
     force = y
     do i = 1, size(self%rigid, 2)
       force = force - dot_product(self%rigid(:, i), y)*self%mass_times(self%rigid(:, i))
@@ -227,11 +227,11 @@ contains
       correction = residual
       call apply_factor(correction)
       y = y + correction
-      if (.not. self%exactly) return
-      if (dot_product(correction, residual) <= exact**2*dot_product(y, force)) return
+      if (.not. self%corrected) return
+      if (dot_product(correction, residual) <= last_correction**2*dot_product(y, force)) return
       residual = force - self%stiffness_times(y) - self%shift*self%mass_times(y)
     end do
-    self%unsettled = .true.
+    self%not_converged = .true.
   contains
     !> The factor alone, without rigid motions.
     subroutine apply_factor(x)
@@ -343,12 +343,12 @@ contains
     n = size(op%rigid, 1)
     p = min(n - size(op%rigid, 2), modes + 8)
     allocate (y(n, p), lambda(p))
-    op%exactly = .false.
+    op%corrected = .false.
     call krylov_modes(op, min(n - size(op%rigid, 2), 2*p + 20), y, lambda, ok)
-    op%exactly = .true.
+    op%corrected = .true.
     before = huge(1.0_wp)
     do pass = 1, most_passes
-      bad = .not. ok .or. op%unsettled
+      bad = .not. ok .or. op%not_converged
       if (bad) return
       old = lambda
       call iterate_subspace(op, y, lambda, ok)

@@ -16,7 +16,7 @@ contains
     type(body_model), intent(in) :: body
     type(elastic_operator), intent(out) :: op
     integer, allocatable :: symmetric(:, :), skew(:, :)      ! (2, entries) row and column
-    integer, allocatable :: segment(:), p(:)           ! of entries: GHM segment or 0, number in the pattern
+    integer, allocatable :: segment(:), p(:)           ! of entries: segment or 0, number in the pattern
     real(wp), allocatable :: a(:, :), az(:)            ! (3, entries) of m, k, c; of Z [kg, kg m, ...]
     real(wp) :: m(6, 6), k(6, 6), z(6, 6)
     integer :: e, r, n, nz, i, j, at(2), of_element

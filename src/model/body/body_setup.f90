@@ -1,5 +1,5 @@
 !> Builds a body: rigid-body integrals, elastic coordinates under the reference conditions, shape integrals, the
-!> factor of the mass matrix, dissipative coordinates. All set-up work; nothing here runs in a step.
+!> factor of the mass matrix, internal variables. All set-up work; nothing here runs in a step.
 module body_setup
   use kinds, only: wp, pi
   use beam_element, only: element_gyroscopic, element_mass, element_stiffness, shape_integral, shape_moment
@@ -12,7 +12,7 @@ module body_setup
   implicit none (type, external)
   private
   public :: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal
-  public :: element_basis, finish_elastic, body_length, sort_segments
+  public :: element_basis, finish_elastic, body_length, find_segments
 
 contains
 
@@ -234,15 +234,15 @@ contains
   end subroutine split_turn
 
   !> Splits the elements into segments of one viscoelastic material.
-  pure subroutine sort_segments(b, has_ghm)
+  pure subroutine find_segments(b, viscoelastic)
     type(body_model), intent(inout) :: b
-    logical, intent(in) :: has_ghm(:)      !! (ne) whether the element is viscoelastic
+    logical, intent(in) :: viscoelastic(:) !! (ne) whether the element has terms
     type(viscoelastic_segment), allocatable :: segments(:)
     integer :: e, n
     allocate (segments(b%ne))
     n = 0
     do e = 1, b%ne
-      if (.not. has_ghm(e)) cycle
+      if (.not. viscoelastic(e)) cycle
       if (n > 0) then
         if (segments(n)%last == e - 1 .and. segments(n)%material == b%elements(e)%material) then
           segments(n)%last = e
@@ -255,7 +255,7 @@ contains
       segments(n)%material = b%elements(e)%material
     end do
     b%segments = segments(1:n)
-  end subroutine sort_segments
+  end subroutine find_segments
 
   !> Largest distance between two points [m].
   pure function body_length(x) result(length)

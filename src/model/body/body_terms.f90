@@ -104,7 +104,7 @@ contains
     t%frame(3) = dot_product(hp, b) + turning
   end subroutine body_residual
 
-  !> Adds the elastic forces with those of the GHM terms, condensed.
+  !> Adds the elastic forces with those of the viscoelastic terms, condensed.
   subroutine add_elastic(t, body, q)
     type(body_equations), intent(inout) :: t
     type(body_model), intent(in) :: body

@@ -11,10 +11,10 @@ module flexible_forces
 
 contains
 
-  !> Adds to w%force theta'^2 m q + 2 theta' Z q' - dV/dq - C q' - GHM and to w%coupling -Z q (theory.md, section 3).
+  !> Adds to w%force theta'^2 m q + 2 theta' Z q' - dV/dq - C q' - terms' forces, and to w%coupling -Z q (theory.md, section 3).
   !> On entry w%q, w%v hold the coordinates and rates.
   subroutine elastic_forces(b, segments, z, zd, thetad, w, zdd, qmq, qmv, moment, loss, power)
-    type(body_model), intent(in) :: b       !! the body or one like it: constants read for many bodies
+    type(body_model), intent(in) :: b       !! the body, or one with the same constants, which are then read once for many bodies
     type(viscoelastic_segment), intent(in) :: segments(:)   !! the body's own
     real(wp), intent(in) :: z(*), zd(*)     !! (nz) internal variables, (nzd) rates of those of second order [m, rad] and per s
     real(wp), intent(in) :: thetad          !! frame rate [rad/s]

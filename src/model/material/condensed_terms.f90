@@ -15,11 +15,10 @@ module condensed_terms
 
   !> One term of one segment of elements, of one material of a modal body, or of one force element.
   type :: condensed_term
-    integer :: first = 0                     !! its first coordinate among all internal variables
-    integer :: last = 0                      !! and the last
-    integer :: body = 0, segment = 0         !! whose, or
-    integer :: element = 0                   !! force element
-    integer :: loss = 0                      !! of a body's term: where the scene's losses have what it dissipates
+    integer :: first = 0, last = 0           !! its first and last coordinate among all internal variables
+    integer :: body = 0, segment = 0         !! that have it; 0: a force element has it
+    integer :: element = 0                   !! that force element
+    integer :: loss = 0                      !! of a body's term: its number among the scene's losses
     real(wp) :: alpha = 0.0_wp               !! weight [-]
     real(wp) :: viscosity = 0.0_wp           !! [s]
     real(wp) :: inertia = 0.0_wp             !! 0: the term is of first order [s2]
