@@ -5,8 +5,7 @@ module switch_tally
   use kinds, only: wp, ip
   use archive, only: value_archive
   use force_element, only: conditions
-  use mechanism, only: mechanism_model
-  use stops, only: share_of_contact, share_of_flight
+  use stops, only: share_of_contact, share_of_flight, stop_model
   implicit none (type, external)
   private
   public :: exchange_tallies
@@ -107,10 +106,9 @@ contains
 
   !> Looks at an accepted step of an element that is not open. A contact that lasts is no impact any more: explicit steps have to
   !> follow its stiffness, others nothing.
-  pure subroutine note_step(self, m, k, with, explicit, h, g, rate)
+  pure subroutine note_step(self, stop, with, explicit, h, g, rate)
     class(element_tally), intent(inout) :: self
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: k                  !! its number among the force elements
+    class(stop_model), intent(in) :: stop     !! that element
     type(conditions), intent(in) :: with      !! with its state in the step
     logical, intent(in) :: explicit           !! the method's steps have to follow the stiffness
     real(wp), intent(in) :: h                 !! [s]
@@ -126,7 +124,7 @@ contains
         s = real(i, wp)/n
         depth(i) = g(0) + s**2*(3 - 2*s)*(g(1) - g(0)) + h*s*(1 - s)*((1 - s)*rate(0) - s*rate(1))
         speed = 6*s*(1 - s)*(g(1) - g(0))/h + (1 - s)*(1 - 3*s)*rate(0) + s*(3*s - 2)*rate(1)
-        force(i) = m%s%forces(k)%item%contact_force(with, depth(i), speed)
+        force(i) = stop%contact_force(with, depth(i), speed)
       end do
       if (.not. (arched(depth) .or. arched(force))) exit
     end do
@@ -136,7 +134,7 @@ contains
     self%to_end = max(g(1), 0.0_wp)/max(abs(rate(1)), tiny(1.0_wp))
     if (0.5_wp*self%age > self%time) self%longest = huge(1.0_wp)
     if (.not. explicit) return
-    call m%s%forces(k)%item%contact_rates(with, self%mass, maxval(depth(:n)), maxval(rate), stiffness, damping)
+    call stop%contact_rates(with, self%mass, maxval(depth(:n)), maxval(rate), stiffness, damping)
     self%stiffness = max(self%stiffness, stiffness)
     self%damping = max(self%damping, damping)
     ! explicit methods follow a mass on it: c h/m at most 2, where they are stable, and sqrt(k/m) h at most 0.5, where they hardly

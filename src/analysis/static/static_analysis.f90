@@ -127,12 +127,10 @@ contains
     type(evaluation_options) :: part                 ! of the loads
     type(validity_watch) :: watch
     logical :: loose(size(run%sys%m%s%bodies))       ! held by stops alone
-    logical :: stops                                 ! there are some
     integer :: k, steps, nq
     nq = run%sys%m%s%nq
-    stops = run%sys%m%s%stops > 0
     loose = .false.
-    if (stops) loose = free_bodies(run, by_position)
+    if (run%sys%m%s%stops > 0) loose = free_bodies(run, by_position)
     run%sys%options%stage = stage_static
     call watch%begin(run%sys%m)
     do k = 1, size(run%sys%m%s%bodies)               ! elastic coordinates are at rest
@@ -149,20 +147,15 @@ contains
       part = fraction_of(run%sys%options, real(k, wp)/run%d%static%load_steps)
       call balance_with_rows(run, part, any(loose), report)
       steps = steps + report%steps
-      if (report%converged .and. stops) call require_held(run, loose, fail)
-      if (fail%happened()) exit
       if (.not. report%converged) then
         call stop_if_signalled('static analysis', fail)
-        if (fail%happened()) exit
         call refuse_uneven(run, 'static analysis', status_failed, fail)
-        if (fail%happened()) exit
-        if (any(loose)) call require_held(run, loose, fail)
-        if (fail%happened()) exit
-        call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//to_text(k)//' of '// &
-          to_text(run%d%static%load_steps)//': the loads may exceed what the structure can carry (buckling), or need '// &
-          'more load steps')
-        exit
       end if
+      if (.not. fail%happened()) call require_held(run, loose, fail)
+      if (.not. report%converged) call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '// &
+        to_text(k)//' of '//to_text(run%d%static%load_steps)//': the loads may exceed what the structure can carry '// &
+        '(buckling), or need more load steps')
+      if (fail%happened()) exit                      ! the first of these counts
       call write_row(run, part, file, report)
       call watch%look(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq))
     end do

@@ -15,6 +15,7 @@ module mechanism_events
   use mechanism_rates, only: moving_mechanism
   use projection, only: project
   use slipping, only: keep_multipliers, pressing
+  use stops, only: stop_model
   use switch_tally, only: element_tally, exchange_tallies
   use switching, only: event_list, exchange_states, is_rigid_stop, pass_events, start_states, switch_event, watch_roots, watch_rows
   implicit none (type, external)
@@ -374,8 +375,11 @@ contains
       associate (element => self%m%s%switching(i), state => self%ev%switches%state(i))
         if (is_rigid_stop(self%m, i)) call self%tally(i)%note_rigid(state, [g0(k), g1(k)])
         if (state == 0 .or. is_rigid_stop(self%m, i)) cycle
-        call self%tally(i)%note_step(self%m, element, conditions_of(self%m, self%ev, element), self%follows_stiffness, h, &
-                                     [g0(k), g1(k)], [rate0(k), rate1(k)])
+        select type (stop => self%m%s%forces(element)%item)
+        class is (stop_model)
+          call self%tally(i)%note_step(stop, conditions_of(self%m, self%ev, element), self%follows_stiffness, h, &
+                                       [g0(k), g1(k)], [rate0(k), rate1(k)])
+        end select
       end associate
     end do
     do i = 1, size(self%friction)
@@ -405,10 +409,11 @@ contains
     if (self%roots == 0) return
     do i = 1, size(self%tally)
       if (self%ev%switches%state(i) == idle) cycle
-      associate (stop => self%m%s%forces(self%m%s%switching(i))%item)
-        if (is_rigid_stop(self%m, i)) cycle ! nothing to follow
+      if (is_rigid_stop(self%m, i)) cycle   ! nothing to follow
+      select type (stop => self%m%s%forces(self%m%s%switching(i))%item)
+      class is (stop_model)
         longest = min(longest, self%tally(i)%graded(min(h, longest), order, stop%smoothness()))
-      end associate
+      end select
     end do
   end function longest_fixed
 

@@ -80,9 +80,6 @@ module force_element
     procedure :: switch => no_switch              !! its state after an event
     procedure :: start_state => no_start_state    !! its state where no event has led to it
     procedure :: state_word => no_word            !! a state in a word, for files
-    procedure :: contact_force => no_contact      !! force of a penetration and its rate
-    procedure :: contact_rates => no_contact_rates   !! those of a mass on it
-    procedure :: smoothness => smooth_ends        !! power of the time with which its force begins and ends
   end type force_model
 
   !> Makes an array of different kinds possible.
@@ -288,34 +285,6 @@ contains
     state = by_position
     memory = 0.0_wp
   end subroutine no_start_state
-
-  !> Most elements touch nothing.
-  pure real(wp) function no_contact(self, with, depth, rate) result(force)   ! [N] or [N m]
-    class(force_model), intent(in) :: self
-    type(conditions), intent(in) :: with          !! with its present state
-    real(wp), intent(in) :: depth                 !! [m] or [rad]
-    real(wp), intent(in) :: rate                  !! [m/s] or [rad/s]
-    force = 0.0_wp
-  end function no_contact
-
-  !> Most elements touch nothing.
-  pure subroutine no_contact_rates(self, with, mass, depth, rate, stiffness, damping)
-    class(force_model), intent(in) :: self
-    type(conditions), intent(in) :: with          !! with its present state
-    real(wp), intent(in) :: mass                  !! [kg] or [kg m2]
-    real(wp), intent(in) :: depth                 !! [m] or [rad]
-    real(wp), intent(in) :: rate                  !! [m/s] or [rad/s]
-    real(wp), intent(out) :: stiffness            !! over the mass [1/s2]
-    real(wp), intent(out) :: damping              !! over the mass [1/s]
-    stiffness = 0.0_wp
-    damping = 0.0_wp
-  end subroutine no_contact_rates
-
-  !> Most elements act smoothly.
-  pure real(wp) function smooth_ends(self) result(power)   ! [-]
-    class(force_model), intent(in) :: self
-    power = huge(1.0_wp)
-  end function smooth_ends
 
   !> Most elements have no states.
   pure function no_word(self, state) result(word)

@@ -67,9 +67,9 @@ module stops
     procedure :: switch => stop_switch
     procedure :: start_state => stop_start
     procedure :: state_word => stop_word
-    procedure :: contact_force => stop_force
-    procedure :: contact_rates
-    procedure :: smoothness => power_of_time
+    procedure :: contact_force => stop_force      !! of a penetration and its rate
+    procedure :: contact_rates                    !! those of a mass on it
+    procedure :: smoothness => power_of_time      !! power of the time with which its force begins and ends
   end type stop_model
 
   !> Where a stop touches.
