@@ -240,7 +240,7 @@ def table(study: Study, result: Result) -> str:
         *(f"  {note}" for note in result.notes),
         f"sensors: {', '.join(asked_for(study))}; tolerance {study.tolerance:g} of each column's range",
         *_not_compared("rounding alone", [name for name in result.dropped if not is_state(name)]),
-        *_not_compared("states, whose events the other columns show", [name for name in result.dropped if is_state(name)]),
+        *_not_compared("states, whose events are compared by their times", [name for name in result.dropped if is_state(name)]),
         *(f"left out: {words}" for words in result.absent),
         f"rows compared: every {study.grid.interval:g} s up to {study.grid.t_end:g} s",
         "errors: largest and root mean square over time, of the worst column, relative to its range (post/compare.py has the rule)",

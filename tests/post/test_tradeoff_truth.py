@@ -287,7 +287,7 @@ def test_what_the_solver_warns_of_and_what_is_absent_are_told(tmp_path):
     lines = table(study, result).splitlines()
     assert lines[2] == f"- {doubt}"
     assert "not compared, rounding alone: a.y" in lines
-    assert "not compared, states, whose events the other columns show: pad.state" in lines
+    assert "not compared, states, whose events are compared by their times: pad.state" in lines
     assert "left out: dopri5: not in --methods" in lines
     assert "  none was tried: there is no adequate setting, or nothing to remove" in lines, "no empty tables"
     assert doubt in head(study, result)
