@@ -24,15 +24,24 @@ contains
     real(wp), intent(in) :: t   !! [s]
     type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
-    integer :: i, k
-    do k = 1, 2
-      i = self%first + k - 1
-      call r%empty(i)
-      r%na(k, i) = 1.0_wp
-      r%nb(k, i) = -1.0_wp
-      r%phi(i) = p%r(k, self%ia) - p%r(k, self%ib)
-    end do
-    if (self%welded) call self%hold_angle(self%first + 2, self%angle, p, r)
+    integer :: i, j
+    i = self%first
+    j = i + 1
+    r%na(:, i) = [1.0_wp, 0.0_wp]
+    r%na(:, j) = [0.0_wp, 1.0_wp]
+    r%nb(:, i) = [-1.0_wp, 0.0_wp]
+    r%nb(:, j) = [0.0_wp, -1.0_wp]
+    r%sa(i) = 0.0_wp
+    r%sa(j) = 0.0_wp
+    r%sb(i) = 0.0_wp
+    r%sb(j) = 0.0_wp
+    r%phi(i) = p%r(1, self%ia) - p%r(1, self%ib)
+    r%phi(j) = p%r(2, self%ia) - p%r(2, self%ib)
+    r%phi_t(i) = 0.0_wp
+    r%phi_t(j) = 0.0_wp
+    r%acceleration_bias(i) = 0.0_wp
+    r%acceleration_bias(j) = 0.0_wp
+    if (self%welded) call self%hold_angle(i + 2, self%angle, p, r)
   end subroutine pin_rows
 
   !> A weld becomes a pin.
