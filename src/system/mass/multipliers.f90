@@ -512,7 +512,7 @@ contains
     logical :: dependent(self%n)
     row = 0
     if (self%n == 0) return
-    s = self%s(:, 1:self%n)
+    allocate (s(0:self%kd, self%n), source=self%s(:, 1:self%n))
     call find_dependent(self%n, self%kd, s, 0.0_wp, diagonal, dependent)
     row = self%row(minloc(s(0, :)/max(diagonal, tiny(1.0_wp)), 1))
   end function weakest_row
