@@ -55,9 +55,9 @@ contains
     nb = size(m%s%bodies)
     self%least = sum(m%s%bodies%mass)*(1.0e-6_wp*m%s%size/t_end)**2   ! a millionth of the scene's size in the run
     allocate (self%along(2*nb + 2), self%strain(nb), source=0.0_wp)
-    call self%kinds%begin(4)
-    call self%along_range%begin(2*nb + 2)
-    call self%strain_range%begin(nb)
+    self%kinds = column_range(spread(0.0_wp, 1, 4), spread(0.0_wp, 1, 4))    ! what a run without a row tells
+    self%along_range = column_range(self%along, self%along)
+    self%strain_range = column_range(self%strain, self%strain)
   end subroutine begin
 
   !> Reads the energies and violations of the state of an evaluation; first: the one at t = 0.
@@ -78,7 +78,12 @@ contains
         x(8) = merge(sum(each(:stops)), x(9), stops > 0)
       end associate
       call kinetic_by_direction(m, ev, y(nq + 1:2*nq), self%along)
-      if (first) self%start = x(1:2)
+      if (first) then
+        self%start = x(1:2)
+        self%kinds = column_range(x(1:4), x(1:4))
+        self%along_range = column_range(self%along, self%along)
+        self%strain_range = column_range(self%strain, self%strain)
+      end if
       x(5) = x(1) + x(2) + x(3) - x(4) - sum(self%start)
     end associate
   end subroutine read

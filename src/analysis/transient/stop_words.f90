@@ -35,8 +35,10 @@ contains
       call text%figure(', pressed again ', 'pressed', sum(all%pressed), rest='')
       call text%close()
       associate (r => run%d%transient, h => run%sys%shortest_limit)
-        if (.not. r%adaptive .and. h < actual_step(r%output_step, r%step)) call text%figure('  steps were divided while stops '// &
-          'touched, the shortest contact allows ', 'step_in_contact', h, 3, rest=' s')
+        if (.not. r%adaptive) then
+          if (h < actual_step(r%output_step, r%step)) call text%figure('  steps were divided while stops touched, the shortest '// &
+            'contact allows ', 'step_in_contact', h, 3, rest=' s')
+        end if
       end associate
       call tell_bound(run, text)
       if (march%files%events > most_events) call text%line('  events.txt has the first '//to_text(most_events)//' of them')
