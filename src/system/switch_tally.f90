@@ -154,9 +154,10 @@ contains
     longest = h
     if (order <= power + 1) return
     part = near_end*self%time
+    if (h >= part) return
     growth = (order - power)/order
     first = part*(h/part)**(1/(1 - growth))
-    if (h < part) longest = h*min(1.0_wp, max(self%to_end, first)/part)**growth
+    longest = h*(min(part, max(self%to_end, first))/part)**growth
   end function graded
 
   !> Whether the parabola through three equidistant values has its maximum between them.
