@@ -143,7 +143,8 @@ def test_a_robot_whose_drives_ring(biela, run_deck):
         return run_deck(re.sub(r"&transient[^/]*/", f"&transient t_end=0.024 {words} /", deck), name=name)
 
     ringing = run("method='radau' tolerance=1e-6 output_step=1e-3", "ringing")
-    assert re.search(r'note: steps follow a vibration near [12].\dE\+04 Hz of body "._rod".*accuracy=1e-3 in place of', ringing.stderr)
+    words = r'note: steps follow a vibration near [12].\dE\+04 Hz of body "._rod".*accuracy=1e-3 in place of'
+    assert re.search(words, ringing.stderr)
     assert ringing.transient["steps"] > 4096
     assert 1e-12 < ringing.transient["followed_share"] < 1e-7
     eased = run("accuracy=1e-3 output_step=1e-4", "eased")
