@@ -16,6 +16,7 @@ module slipping
   public :: keep_multipliers, pressing, slip_multipliers
 
   integer, parameter :: most_passes = 60
+  integer, parameter :: shifted_passes = 3         !! in which what the shift of a singular S leaves falls by 1e-6 each
   real(wp), parameter :: settled = 1.0e-14_wp      !! what the friction misses of its law in the last pass, of its size [-]
   real(wp), parameter :: rounding = 64*epsilon(1.0_wp)   !! the same where it falls no longer [-]
   real(wp), parameter :: slow = 0.01_wp            !! contraction from which a new matrix takes less work [-]
@@ -57,7 +58,8 @@ contains
     end where
   end subroutine keep_multipliers
 
-  !> Newton's method: the friction of multipliers y near x is f + D (y - x).
+  !> Newton's method: the friction of multipliers y near x is f + D (y - x). The matrix of a singular S is shifted; what that adds
+  !> to the last multipliers stands on the right-hand side, too, so that the solution does not feel it.
   subroutine newton(m, ev, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -76,6 +78,7 @@ contains
         call slip_forces(laws, states, w%x, w%f, strongest)
         call add_slopes(m, w, -1, w%f)
         call ev%schur%put(w%b, w%f)
+        if (ev%schur%singular) call ev%schur%add_shift(w%x)
         call substitute(ev%schur, w)
         call ev%schur%get(w%x)
         call add_slopes(m, w, 1, w%f)
@@ -83,6 +86,7 @@ contains
         missed = largest_difference(w%law, w%f)
         if (pass == 1) last = strongest
         ok = missed <= settled*strongest .or. (missed <= rounding*strongest .and. missed > slow*last)
+        if (ev%schur%singular .and. pass < shifted_passes .and. ok) cycle
         if (ok .or. .not. missed < huge(1.0_wp)) return
         renew = missed > slow*last
         last = missed
@@ -188,7 +192,7 @@ contains
         allocate (w%ab(3*s%kd + 1, s%n), w%pivots(s%n))
       end if
       call fill_band(s%n, s%kd, s%s, w%ab)
-      if (s%singular) w%ab(2*s%kd + 1, :) = w%ab(2*s%kd + 1, :) + s%shift*sum(s%s(0, 1:s%n))/s%n
+      if (s%singular) w%ab(2*s%kd + 1, :) = w%ab(2*s%kd + 1, :) + s%mean_shift()
       if (c%held > 0) call add_friction(c%held, c%place, c%off, s%s(0, s%n + 1), w%law_of, w%column, w%weighed, s%n, s%kd, w%ab)
       call factor_lu(s%n, s%kd, w%ab, w%pivots, w%upper, bad)
       ok = .not. bad

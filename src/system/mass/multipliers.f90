@@ -72,6 +72,8 @@ module multipliers
     procedure :: solve_beside
     procedure :: put
     procedure :: get
+    procedure :: mean_shift
+    procedure :: add_shift
     procedure :: minimum_norm_equivalent
     procedure :: remove_range
     procedure :: weak_rows
@@ -372,7 +374,7 @@ contains
     logical :: good
     self%singular = .true.
     call take_matrix((self%kd + 1)*self%n, size(self%f), self%s, self%f)
-    eps = self%shift*sum(self%s(0, 1:self%n))/self%n
+    eps = self%mean_shift()
     if (.not. eps > tiny(1.0_wp)) eps = 1.0_wp   ! S is 0, no multiplier moves anything: any of ordinary size
     self%f(0, 1:self%n) = self%f(0, 1:self%n) + eps
     call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
@@ -431,6 +433,19 @@ contains
       x(self%row(k)) = self%x(k)*self%scale(self%row(k))
     end do
   end subroutine get
+
+  !> What is added to the diagonal of a singular S.
+  pure real(wp) function mean_shift(self)          ! [1/kg]
+    class(multiplier_system), intent(in) :: self
+    mean_shift = self%shift*sum(self%s(0, 1:self%n))/self%n
+  end function mean_shift
+
+  !> Adds what that shift makes of multipliers to the right-hand side.
+  pure subroutine add_shift(self, lambda)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(in) :: lambda(:)         !! (rows) [N]
+    self%x(1:self%n) = self%x(1:self%n) + self%mean_shift()*lambda(self%row)/self%scale(self%row)
+  end subroutine add_shift
 
   !> x by the last factor, from the right-hand side in the order of the factor.
   subroutine substitute_placed(self, x)
