@@ -16,7 +16,7 @@ module slipping
   public :: keep_multipliers, pressing, slip_multipliers
 
   integer, parameter :: most_passes = 60
-  integer, parameter :: shifted_passes = 3         !! in which what the shift of a singular S leaves falls by 1e-6 each
+  integer, parameter :: refinements = 2            !! by each, what the shift of a singular S leaves falls by 1e-6
   real(wp), parameter :: settled = 1.0e-14_wp      !! what the friction misses of its law in the last pass, of its size [-]
   real(wp), parameter :: rounding = 64*epsilon(1.0_wp)   !! the same where it falls no longer [-]
   real(wp), parameter :: slow = 0.01_wp            !! contraction from which a new matrix takes less work [-]
@@ -58,18 +58,19 @@ contains
     end where
   end subroutine keep_multipliers
 
-  !> Newton's method: the friction of multipliers y near x is f + D (y - x). The matrix of a singular S is shifted; what that adds
-  !> to the last multipliers stands on the right-hand side, too, so that the solution does not feel it.
+  !> Newton's method: the friction of multipliers y near x is f + D (y - x). The matrix of a singular S is shifted; in the
+  !> last passes what that adds to the multipliers stands on the right-hand side, too, so that the solution does not feel it.
   subroutine newton(m, ev, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(out) :: ok
     real(wp) :: missed, last, strongest              ! [N]
     logical :: renew
-    integer :: pass
+    integer :: pass, refined
     associate (w => ev%slip, laws => m%s%friction, states => ev%switches%state)
       w%x = w%start
       renew = .true.
+      refined = 0
       do pass = 1, most_passes
         if (renew) then
           call factor(m, ev, w%x, 0, ok)
@@ -78,7 +79,7 @@ contains
         call slip_forces(laws, states, w%x, w%f, strongest)
         call add_slopes(m, w, -1, w%f)
         call ev%schur%put(w%b, w%f)
-        if (ev%schur%singular) call ev%schur%add_shift(w%x)
+        if (refined > 0) call ev%schur%add_shift(w%x)
         call substitute(ev%schur, w)
         call ev%schur%get(w%x)
         call add_slopes(m, w, 1, w%f)
@@ -86,7 +87,11 @@ contains
         missed = largest_difference(w%law, w%f)
         if (pass == 1) last = strongest
         ok = missed <= settled*strongest .or. (missed <= rounding*strongest .and. missed > slow*last)
-        if (ev%schur%singular .and. pass < shifted_passes .and. ok) cycle
+        ok = ok .or. refined > 0
+        if (ok .and. ev%schur%singular .and. refined < refinements) then
+          refined = refined + 1
+          cycle
+        end if
         if (ok .or. .not. missed < huge(1.0_wp)) return
         renew = missed > slow*last
         last = missed
