@@ -8,7 +8,7 @@ module slipping
   use kinds, only: wp
   use band_lu, only: factor_lu, solve_lu
   use evaluation_results, only: evaluation, slip_work
-  use friction_law, only: row_slips, slip_forces
+  use friction_law, only: pressure_of, row_slips, slip_forces
   use mechanism, only: mechanism_model
   use multipliers, only: multiplier_system
   implicit none (type, external)
@@ -58,47 +58,54 @@ contains
     end where
   end subroutine keep_multipliers
 
-  !> Newton's method: the friction of multipliers y near x is f + D (y - x). The matrix of a singular S is shifted; in the
-  !> last passes what that adds to the multipliers stands on the right-hand side, too, so that the solution does not feel it.
+  !> Newton's method: the friction of multipliers y near x is f + D (y - x). The matrix of a singular S is shifted: what has
+  !> settled is refined.
   subroutine newton(m, ev, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(out) :: ok
     real(wp) :: missed, last, strongest              ! [N]
     logical :: renew
-    integer :: pass, refined
-    associate (w => ev%slip, laws => m%s%friction, states => ev%switches%state)
+    integer :: pass
+    associate (w => ev%slip)
       w%x = w%start
       renew = .true.
-      refined = 0
       do pass = 1, most_passes
-        if (renew) then
-          call factor(m, ev, w%x, 0, ok)
-          if (.not. ok) return
-        end if
-        call slip_forces(laws, states, w%x, w%f, strongest)
-        call add_slopes(m, w, -1, w%f)
-        call ev%schur%put(w%b, w%f)
-        if (refined > 0) call ev%schur%add_shift(w%x)
-        call substitute(ev%schur, w)
-        call ev%schur%get(w%x)
-        call add_slopes(m, w, 1, w%f)
-        call slip_forces(laws, states, w%x, w%law, strongest)
+        if (renew) call factor(m, ev, w%x, 0, ok)
+        if (renew .and. .not. ok) return
+        call solve_linearised(m, ev, .false.)
+        call slip_forces(m%s%friction, ev%switches%state, w%x, w%law, strongest)
         missed = largest_difference(w%law, w%f)
         if (pass == 1) last = strongest
         ok = missed <= settled*strongest .or. (missed <= rounding*strongest .and. missed > slow*last)
-        ok = ok .or. refined > 0
-        if (ok .and. ev%schur%singular .and. refined < refinements) then
-          refined = refined + 1
-          cycle
-        end if
-        if (ok .or. .not. missed < huge(1.0_wp)) return
+        if (ok .or. .not. missed < huge(1.0_wp)) exit
         renew = missed > slow*last
         last = missed
       end do
     end associate
-    ok = .false.
+    if (.not. (ok .and. ev%schur%singular)) return
+    do pass = 1, refinements
+      call solve_linearised(m, ev, .true.)
+    end do
   end subroutine newton
+
+  !> Multipliers and friction by the matrix that is factored. What its shift adds to the multipliers so far stands on the right-hand
+  !> side, too, where they are refined, so that the solution does not feel it.
+  subroutine solve_linearised(m, ev, refine)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    logical, intent(in) :: refine
+    real(wp) :: strongest                            ! [N]
+    associate (w => ev%slip)
+      call slip_forces(m%s%friction, ev%switches%state, w%x, w%f, strongest)
+      call add_slopes(m, w, -1, w%f)
+      call ev%schur%put(w%b, w%f)
+      if (refine) call ev%schur%add_shift(w%x)
+      call substitute(ev%schur, w)
+      call ev%schur%get(w%x)
+      call add_slopes(m, w, 1, w%f)
+    end associate
+  end subroutine solve_linearised
 
   !> f + D x or f - D x of the rows that slip.
   pure subroutine add_slopes(m, w, way, f)
@@ -169,7 +176,7 @@ contains
       else
         call ev%schur%solve(y)
       end if
-      ratio = law%kinetic*law%pressure(y)
+      ratio = law%kinetic*pressure_of(law, y)
     end associate
   end function pressing
 

@@ -2,6 +2,7 @@
 !> multiplier is the friction force, a function of the joint's other multipliers (theory.md, section 13).
 module switched_rows
   use kinds, only: wp
+  use friction_law, only: force_of
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -29,7 +30,7 @@ contains
     where (ev%rows%off) gap = -lambda
     do k = 1, size(m%s%friction)
       associate (law => m%s%friction(k))
-        if (ev%rows%off(law%row)) gap(law%row) = law%force(ev%switches%state(law%number), lambda) - lambda(law%row)
+        if (ev%rows%off(law%row)) gap(law%row) = force_of(law, ev%switches%state(law%number), lambda) - lambda(law%row)
       end associate
     end do
   end subroutine slip_gaps

@@ -5,7 +5,7 @@ module friction_law
   use kinds, only: wp
   implicit none (type, external)
   private
-  public :: slip_forces
+  public :: force_of, pressure_of, slip_forces
 
   !> States: sticks; slips in the direction of its sign; at rest without sticking, as other rows carry it, with the static
   !> limit in the direction of its sign, or with no force.
@@ -26,11 +26,8 @@ module friction_law
     integer :: first = 0, rows = 0        !! first row of its joint, how many it has
     integer :: number = 0                 !! among the elements that switch
   contains
-    procedure :: force
     procedure :: force_slope
-    procedure :: limit
     procedure :: sticking_limit
-    procedure :: pressure
     procedure :: slides
     procedure :: share
     procedure :: pads
@@ -58,14 +55,6 @@ contains
   end subroutine slip_forces
 
   !> The multiplier of its row where that is off.
-  pure real(wp) function force(self, state, lambda) result(f)   ! [N]
-    class(coulomb_law), intent(in) :: self
-    integer, intent(in) :: state
-    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    f = force_of(self, state, lambda)
-  end function force
-
-  !> The same of a law whose type is known.
   pure real(wp) function force_of(law, state, lambda) result(f)   ! [N]
     type(coulomb_law), intent(in) :: law
     integer, intent(in) :: state
@@ -99,14 +88,6 @@ contains
   end function force_slope
 
   !> Largest tangential force with a coefficient of friction; of a pin the moment over the size.
-  pure real(wp) function limit(self, mu, lambda) result(c)   ! [N]
-    class(coulomb_law), intent(in) :: self
-    real(wp), intent(in) :: mu            !! [-]
-    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    c = limit_of(self, mu, lambda)
-  end function limit
-
-  !> The same of a law whose type is known.
   pure real(wp) function limit_of(law, mu, lambda) result(c)   ! [N]
     type(coulomb_law), intent(in) :: law
     real(wp), intent(in) :: mu            !! [-]
@@ -118,17 +99,10 @@ contains
   pure real(wp) function sticking_limit(self, lambda) result(c)   ! [N]
     class(coulomb_law), intent(in) :: self
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    c = self%limit(self%static, lambda)
+    c = limit_of(self, self%static, lambda)
   end function sticking_limit
 
   !> What the coefficient of friction multiplies; of a pin times the radius over the size.
-  pure real(wp) function pressure(self, lambda)   ! [N]
-    class(coulomb_law), intent(in) :: self
-    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    pressure = pressure_of(self, lambda)
-  end function pressure
-
-  !> The same of a law whose type is known.
   pure real(wp) function pressure_of(law, lambda) result(pressure)   ! [N]
     type(coulomb_law), intent(in) :: law
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
