@@ -9,7 +9,7 @@ program tangent
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list
   use generalized_alpha, only: chung_hulbert
-  use alpha_newton, only: solve_trial, take_trial, give_offsets
+  use alpha_newton, only: solve_trial, take_trial, find_offsets
   use alpha_start, only: start_method
   use alpha_state, only: alpha_solver, set_up_alpha
   use scene_run, only: run_state, prepare_run
@@ -87,7 +87,7 @@ contains
     nz = run%sys%m%s%nz
     speed = 30.0_wp
     solver%x(n + 1:) = solver%x(n + 1:) + 1.0e-3_wp*random(nz)
-    call give_offsets(solver, run%sys, solver%x(n + 1:), solver%v(n + 1:), solver%vd(n + 1:))
+    call find_offsets(solver, run%sys, solver%x(n + 1:), solver%v(n + 1:), solver%vd(n + 1:))
     solver%x1(1:n) = solver%x(1:n) + 0.01_wp*random(n)
     solver%v1(1:n) = solver%v(1:n) + speed*random(n)
     solver%vd1(1:n) = solver%vd(1:n) + 10*speed**2*random(n)
@@ -97,19 +97,9 @@ contains
   !> Residuals of all bodies (global axes) and of the constraints.
   function residual() result(r)
     real(wp) :: r(run%sys%m%s%nq + run%sys%m%s%rows)
-    integer :: b, i
-    associate (m => run%sys%m, ev => run%sys%ev, n => solver%nq)
-      call run%sys%residual(h, solver%x1(1:n), solver%v1(1:n), solver%vd1(1:n), solver%lambda1, .true., solver%gaps(:, 0))
-      do b = 1, size(run%sys%t%eq)
-        i = m%s%qo(b)
-        associate (t => run%sys%t%eq(b))
-          r(i + 1) = ev%frame%cos(b)*t%frame(1) - ev%frame%sin(b)*t%frame(2)
-          r(i + 2) = ev%frame%sin(b)*t%frame(1) + ev%frame%cos(b)*t%frame(2)
-          r(i + 3) = t%frame(3)
-          if (t%n > 0) r(i + 4:i + 3 + t%n) = t%elastic(1:t%n)
-        end associate
-      end do
-      r(m%s%nq + 1:) = ev%rows%phi
+    associate (n => solver%nq)
+      call run%sys%residual(h, solver%x1(1:n), solver%v1(1:n), solver%vd1(1:n), solver%dx(n + 1:), solver%lambda1, .true., &
+                            r(1:n), r(n + 1:))
     end associate
   end function residual
 
@@ -127,10 +117,10 @@ contains
     lambda = solver%lambda1
     allocate (size_of(n + nr), source=0.0_wp)
     r0 = residual()
-    call run%sys%renew(q, v, vd, lambda, .true., .false., ok)
+    call run%sys%renew(q, v, vd, lambda, .true., .false., ok, r0(1:n))
     if (.not. ok) error stop 3, quiet=.true.
     allocate (dq(n), dl(nr))
-    call run%sys%correction(solver%gaps(:, 0), dq, dl)
+    call run%sys%correction(r0(1:n), r0(n + 1:), dq, dl)
     sum = r0
     do j = 1, n + nr
       e = 1.0e-5_wp

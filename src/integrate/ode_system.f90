@@ -19,6 +19,7 @@ module ode_system
   contains
     procedure(right_hand_side), deferred :: derivative
     procedure(onto_manifold), deferred :: project
+    procedure :: evaluate_on_manifold
     procedure :: find_roots => no_roots
     procedure :: resolve_events => no_events
     procedure :: note_step => no_note
@@ -46,6 +47,24 @@ module ode_system
   end interface
 
 contains
+
+  !> Puts a state onto the manifold and evaluates it there: the derivative dy and all that sensors read. The projection uses the
+  !> factors of an evaluation at the state.
+  subroutine evaluate_on_manifold(self, t, y, dy, ok)
+    class(ode), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(inout), contiguous :: y(:) !! (n) [unit of each unknown]
+    real(wp), intent(out), contiguous :: dy(:)  !! (n) [the same per second]
+    logical, intent(out) :: ok                !! the state and its derivative are finite, the projection has succeeded
+    ok = .true.
+    call self%derivative(t, y, .false., dy)
+    if (self%has_manifold) then
+      call self%project(t, y, ok)
+      if (.not. ok) return
+      call self%derivative(t, y, .false., dy)
+    end if
+    ok = is_bounded(y) .and. is_bounded(dy)
+  end subroutine evaluate_on_manifold
 
   !> Roots at a state: their values, their rates and what is zero for the values. Huge values are not watched, huge rates not known.
   !> Here: none.

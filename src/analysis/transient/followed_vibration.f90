@@ -75,13 +75,14 @@ contains
     class(stepper), intent(in) :: method
     integer :: n
     real(wp) :: error                                   ! [unit of the unknown, or per second]
+    real(wp) :: dy(size(method%y))                      ! [of the state, per second]
     logical :: ok
     if (.not. self%active .or. method%steps < self%next) return
     if (.not. allocated(self%y)) self%y = method%y      ! a restart has none
     if (self%count == 0) self%unknown = 0
     error = 0.0_wp
     call method%limiting(self%y, self%unknown, error)
-    call run%sys%report(method%t, self%y, ok)
+    call run%sys%evaluate_on_manifold(method%t, self%y, dy, ok)
     self%count = self%count + 1
     self%t(self%count) = method%t
     self%error(self%count) = error

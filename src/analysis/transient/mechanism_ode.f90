@@ -3,60 +3,49 @@ module mechanism_ode
   use kinds, only: wp
   use border_row_lists, only: row_lists, list_rows, order_rows
   use border_rows, only: hold_weak_rows, light_shift, least_shift, strong_shift, stage_shift
-  use controls, only: control_inputs, control_slopes, solve_controls
-  use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values
-  use evaluation_settings, only: evaluation_options, at_side
-  use evaluation_results, only: evaluation, powers_of
   use condensed_system, only: change_rows
+  use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed, &
+                                      change_complex => change_rows
+  use controls, only: control_inputs, control_slopes, solve_controls
+  use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values, row_rates
+  use evaluation_settings, only: at_side
+  use evaluation_results, only: powers_of
   use force_element, only: idle
   use mechanism, only: mechanism_model
   use mechanism_events, only: switching_mechanism
-  use newton_condensation, only: condense
   use complex_newton_condensation, only: condense_complex => condense
   use newton_correction, only: take_residual, correction, row_correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
-  use newton_equations, only: prepare, give_terms, let_terms_follow, residual, take_body_residuals => take_residual, renew
+  use newton_equations, only: prepare, give_terms, let_terms_follow, residual, gather_residual, renew
   use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, scene_reach
   use newton_start, only: smooth_accelerations, row_gaps
   use newton_system, only: newton_matrix, set_up_newton
   use position_measures, only: position_measure
-  use projection, only: project
-  use singular, only: evaluate_branch
+  use stage_equations, only: factor_stages, complex_tangents
   use switched_rows, only: slip_gaps
-  use stage_equations, only: stage_residual, factor_stages, stage_tangents
-  use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed, &
-                                      change_complex => change_rows
   implicit none (type, external)
   private
-
-  real(wp), parameter :: weak_row = 1.0e-3_wp      !! relative pivot of the multipliers' matrix from which rows nearly depend [-]
 
   !> The system.
   type, extends(switching_mechanism), public :: mechanism_system
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     logical, allocatable, private :: bordered(:)   !! whether each element that switches has rows in the border of implicit steps
-    real(wp), allocatable, private :: closed(:), closed_rates(:)   !! (nq) work: a state on the constraints [m, rad] and per second
   contains
     procedure :: start_implicit
     procedure :: prepare => mechanism_prepare
-    procedure :: give_internal
     procedure :: residual => mechanism_residual
     procedure :: renew => mechanism_renew
     procedure :: correction => mechanism_correction
-    procedure :: stage_residual => mechanism_stage
-    procedure :: take_parts
-    procedure :: renew_stages
     procedure :: complex_correction
+    procedure :: along_rows
+    procedure :: gaps
     procedure :: deformations
     procedure :: solve_linear
     procedure :: powers
     procedure :: mass_product => mechanism_mass
     procedure :: accelerations
-    procedure :: report
     procedure :: smooth
-    procedure :: gaps
-    procedure :: along_rows => mechanism_along
     procedure :: choose_rows
   end type mechanism_system
 
@@ -78,8 +67,6 @@ contains
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%stages)) deallocate (self%stages)
     allocate (self%t)
-    self%closed = spread(0.0_wp, 1, self%nq)
-    self%closed_rates = self%closed
     call set_up_newton(self%t, self%m)
     if (stages) then
       allocate (self%stages)
@@ -144,52 +131,64 @@ contains
   !> Takes the constants of a step and factors the elastic blocks.
   subroutine mechanism_prepare(self, c1, c2, near, ok)
     class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in) :: c1                !! [1/s2]
-    real(wp), intent(in) :: c2                !! [1/s]
+    complex(wp), intent(in) :: c1(:)          !! [1/s2]
+    complex(wp), intent(in) :: c2(:)          !! [1/s]
     real(wp), intent(in) :: near              !! of c1 [-]
     logical, intent(out) :: ok
     logical :: bad
-    call prepare(self%t, self%m, c1, c2, near, bad)
+    if (allocated(self%stages)) then
+      self%t%t%rows%unit = c2(1)%re
+      self%stages%rows%unit = c2(2)
+      call factor_stages(self%stages, self%t, self%m, c2, bad)
+    else
+      call prepare(self%t, self%m, c1(1)%re, c2(1)%re, near, bad)
+    end if
     ok = .not. bad
   end subroutine mechanism_prepare
 
-  !> Takes the internal variables of the next residuals, at zero deformation.
-  subroutine give_internal(self, z)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in), contiguous :: z(:)  !! (nz) [m, rad]
-    call give_terms(self%t, self%m, z)
-  end subroutine give_internal
-
-  !> Residuals at a trial state.
-  subroutine mechanism_residual(self, t, q, v, a, lambda, left_limit, gap)
+  !> Residual at a trial state.
+  subroutine mechanism_residual(self, t, q, v, a, z, lambda, left_limit, r, gap)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
+    real(wp), intent(in), contiguous :: z(:)               !! (nz) [m, rad]
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
     logical, intent(in) :: left_limit
-    real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m]
+    real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
+    real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m] or [m/s]
+    call give_terms(self%t, self%m, z)
     call residual(self%t, self%m, self%ev, at_side(self%options, left_limit), t, q, v, a, lambda)
-    call take_body_residuals(self%t, self%m)
-    gap = self%ev%rows%phi
+    call gather_residual(self%t, self%m, self%ev, r)
+    self%t%t%solved = .false.
+    if (allocated(self%stages)) then
+      self%stages%solved = .false.
+      call row_rates(self%m, self%ev, gap)
+    else
+      gap = self%ev%rows%phi
+    end if
     call slip_gaps(self%m, self%ev, lambda, gap)
   end subroutine mechanism_residual
 
-  !> The matrix at the state of the last residual. Rows that depend on others in a singular position are held: all of them by a
-  !> stronger shift within a step (exact or not), the weak ones at its start.
-  subroutine mechanism_renew(self, q, v, a, lambda, exact, hold, ok)
+  !> The matrices at the state of the last residual. In a singular position rows depend on others: a stronger shift regularises all.
+  subroutine mechanism_renew(self, q, v, a, lambda, exact, regularise, ok, r, r_complex)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
     real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
-    logical, intent(in) :: exact, hold
+    logical, intent(in) :: exact, regularise
     logical, intent(out) :: ok
+    real(wp), intent(in), contiguous :: r(:)               !! (nq) [N, N m]
+    complex(wp), intent(in), contiguous, optional :: r_complex(:)   !! (nq) [N, N m]
     logical :: bad
-    associate (in_step => self%ev%options%left_limit)
-      self%shift = merge(light_shift, least_shift, self%m%redundant)
-      if (hold .and. in_step) self%shift = strong_shift
-      call give_gains(self)
-      call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, self%shift, bad)
-      if (hold .and. .not. in_step) call hold_weak_rows(self%t%t%rows)
-    end associate
+    self%shift = merge(light_shift, least_shift, self%m%redundant)
+    if (regularise) self%shift = merge(stage_shift, strong_shift, allocated(self%stages))
+    call give_gains(self)
+    call take_residual(self%t%t, self%m, self%ev, r)
+    call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, self%shift, bad)
+    if (present(r_complex) .and. .not. bad) then
+      call take_complex(self%stages, self%m, self%ev, r_complex)
+      call complex_tangents(self%stages, self%t, self%m, self%ev, q, v, a)
+      call condense_complex(self%stages, self%m, self%ev, self%t%eq, v, a, lambda, exact, self%shift, bad)
+    end if
     self%weakest = self%t%t%rows%weakest
     self%reach = scene_reach(self%m, self%ev, q)
     ok = .not. bad
@@ -211,15 +210,29 @@ contains
     end do
   end subroutine give_gains
 
-  !> Corrections by the matrix that stands, of several stages the real one.
-  subroutine mechanism_correction(self, gap, dq, dlambda)
+  !> Corrections by the real matrix.
+  subroutine mechanism_correction(self, r, gap, dq, dlambda)
     class(mechanism_system), intent(inout) :: self
+    real(wp), intent(in), contiguous :: r(:)          !! (nq) [N, N m]
     real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
     real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
+    if (.not. self%t%t%solved) call take_residual(self%t%t, self%m, self%ev, r)
     call correction(self%t%t, self%m, self%ev, gap, dq)
     dlambda = self%t%t%rows%y(1:self%rows)
   end subroutine mechanism_correction
+
+  !> The same by the complex matrix.
+  subroutine complex_correction(self, r, gap, dq, dlambda)
+    class(mechanism_system), intent(inout) :: self
+    complex(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
+    complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
+    complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
+    complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
+    if (.not. self%stages%solved) call take_complex(self%stages, self%m, self%ev, r)
+    call correct_complex(self%stages, self%m, self%ev, gap, dq)
+    dlambda = self%stages%rows%y(1:self%rows)
+  end subroutine complex_correction
 
   !> Powers at the end of a step or stage.
   subroutine powers(self, t, q, v, lambda, z, zd, power)
@@ -249,59 +262,33 @@ contains
   end function mechanism_mass
 
   !> Accelerations, multipliers and powers of the equations.
-  subroutine accelerations(self, t, q, v, z, zd, end_of_step, a, lambda, powers)
+  subroutine accelerations(self, t, q, v, z, zd, a, lambda, powers)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), z(:)          !! (nq), (nz) [m, rad] and per second
     real(wp), intent(inout), contiguous :: zd(:)                  !! (nz) [m/s, rad/s]; set where of first order
-    logical, intent(in) :: end_of_step
     real(wp), intent(out), contiguous :: a(:)        !! (nq + nz) [m/s2, rad/s2]
     real(wp), intent(out), contiguous :: lambda(:)   !! (rows) [N]
     real(wp), intent(out) :: powers(:)        !! as `powers_of` [W]
-    type(evaluation_options) :: options
-    logical :: ok
-    options = at_side(self%options, end_of_step)
-    self%closed_rates = v
-    call evaluate(self%m, self%ev, options, t, q, self%closed_rates, z, zd)
-    if (end_of_step .and. nearly_dependent(self%ev)) then   ! accelerations amplify what is left of the offset: project it away
-      self%closed = q
-      call project(self%m, self%ev, options, t, self%closed, self%closed_rates, z, zd, ok)
-      call evaluate_branch(self%m, self%ev, options, t, self%closed, self%closed_rates, z, zd)
-    end if
+    call evaluate(self%m, self%ev, at_side(self%options, .false.), t, q, v, z, zd)
     a(1:self%nq) = self%ev%a
     a(self%nq + 1:) = self%ev%zdd
-    call relaxation_rates(self%t, self%m, self%ev, q, self%closed_rates, zd, a(self%nq + 1:))
+    call relaxation_rates(self%t, self%m, self%ev, q, v, zd, a(self%nq + 1:))
     call control_slopes(self%m, self%ev, t, zd, a(self%nq + 1:))
     lambda = self%ev%lambda
     call powers_of(self%m, self%ev, powers)
   end subroutine accelerations
 
-  !> A state put onto the constraints, with its evaluation.
-  subroutine report(self, t, y, ok)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(inout), contiguous :: y(:)      !! (ny) [m, rad], [m/s, rad/s], [J]
-    logical, intent(out) :: ok
-    self%ev%broken = .false.
-    ok = .true.
-    associate (m => self%m, ev => self%ev, n => self%m%s%nq, i => 2*self%m%s%nq + self%m%s%nz, nzd => self%m%s%nzd)
-      call evaluate(m, ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:i + nzd))
-      if (m%s%rows > 0) then
-        call project(m, ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:i + nzd), ok)
-        call evaluate_branch(m, ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:i + nzd))
-      end if
-      ok = ok .and. .not. ev%broken
-    end associate
-  end subroutine report
-
   !> Accelerations that a step resolves.
-  subroutine smooth(self, t, q, v, lambda, a, ok)
+  subroutine smooth(self, t, q, v, z, lambda, a, ok)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:), lambda(:)   !! (nq), (rows) [m, rad], rates, [N]
+    real(wp), intent(in), contiguous :: z(:)                    !! (nz) [m, rad]
     real(wp), intent(inout), contiguous :: a(:)                 !! (nq) [m/s2, rad/s2]
     logical, intent(out) :: ok
     logical :: bad
+    call give_terms(self%t, self%m, z)
     call smooth_accelerations(self%t, self%m, self%ev, self%options, t, q, v, lambda, a, bad)
     ok = .not. bad
   end subroutine smooth
@@ -315,8 +302,8 @@ contains
     call row_gaps(self%m, self%ev, t, q, v, a, u, gap)
   end subroutine gaps
 
-  !> Closes gaps in the directions that the constraints hold.
-  subroutine mechanism_along(self, q, gap, dq, dlambda)
+  !> Closes gaps in the directions that the constraints fix.
+  subroutine along_rows(self, q, gap, dq, dlambda)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
     real(wp), intent(in), contiguous :: gap(:, :)        !! (rows, columns) [m] and its derivatives
@@ -325,76 +312,7 @@ contains
     if (.not. allocated(self%stages)) call hold_weak_rows(self%t%t%rows)
     call set_frames(self%m, self%ev, q)
     call row_correction(self%t%t, self%m, self%ev, gap, dq, dlambda)
-  end subroutine mechanism_along
-
-  !> Whether rows were nearly dependent at the last evaluation.
-  pure logical function nearly_dependent(ev) result(yes)
-    type(evaluation), intent(in) :: ev
-    integer :: k
-    yes = ev%schur%singular
-    do k = 1, ev%schur%n                            ! the factor holds 1/pivot
-      yes = yes .or. ev%schur%f(0, k)*ev%schur%s(0, k)*weak_row > 1.0_wp
-    end do
-  end function nearly_dependent
-
-  !> Residuals of a stage.
-  subroutine mechanism_stage(self, t, q, v, a, z, lambda, left, r, gap)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-    real(wp), intent(in), contiguous :: z(:)               !! (nz) [m, rad]
-    real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
-    logical, intent(in) :: left
-    real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
-    real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
-    call give_terms(self%t, self%m, z)
-    call residual(self%t, self%m, self%ev, at_side(self%options, left), t, q, v, a, lambda)
-    call stage_residual(self%t, self%m, self%ev, r, gap)
-    call slip_gaps(self%m, self%ev, lambda, gap)
-  end subroutine mechanism_stage
-
-  !> Both matrices at the state of the last residual.
-  subroutine renew_stages(self, c2, q, v, a, lambda, whole, hold, ok)
-    class(mechanism_system), intent(inout) :: self
-    complex(wp), intent(in) :: c2(2)          !! [1/s]
-    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-    real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
-    logical, intent(in) :: whole, hold
-    logical, intent(out) :: ok
-    real(wp) :: shift                         ! of constraint rows [-]
-    logical :: bad
-    shift = merge(light_shift, least_shift, self%m%redundant)
-    if (hold) shift = stage_shift
-    self%t%t%rows%unit = real(c2(1), wp)
-    self%stages%rows%unit = c2(2)
-    call factor_stages(self%stages, self%t, self%m, c2, bad)
-    ok = .not. bad
-    if (bad) return
-    call stage_tangents(self%stages, self%t, self%m, self%ev, q, v, a)
-    call give_gains(self)
-    call condense(self%t%t, self%m, self%ev, self%t%eq, v, a, lambda, whole, shift, bad)
-    if (.not. bad) call condense_complex(self%stages, self%m, self%ev, self%t%eq, v, a, lambda, whole, shift, bad)
-    ok = .not. bad
-  end subroutine renew_stages
-
-  !> Takes what corrections are asked for.
-  subroutine take_parts(self, r, r_complex)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in), contiguous :: r(:)            !! (nq) [N, N m]
-    complex(wp), intent(in), contiguous :: r_complex(:) !! (nq) [N, N m]
-    call take_residual(self%t%t, self%m, self%ev, r)
-    call take_complex(self%stages, self%m, self%ev, r_complex)
-  end subroutine take_parts
-
-  !> Corrections by the complex matrix.
-  subroutine complex_correction(self, gap, dq, dlambda)
-    class(mechanism_system), intent(inout) :: self
-    complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
-    complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
-    complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
-    call correct_complex(self%stages, self%m, self%ev, gap, dq)
-    dlambda = self%stages%rows%y(1:self%rows)
-  end subroutine complex_correction
+  end subroutine along_rows
 
   !> Deformations that internal variables follow.
   subroutine deformations(self, t, q, v, delta)

@@ -110,16 +110,12 @@ contains
     if (self%t > to) then
       s = (to - self%dense_start)/self%dense_step
       y = self%dense(:, 1) + s*(self%dense(:, 2) + (1 - s)*(self%dense(:, 3) + s*(self%dense(:, 4) + (1 - s)*self%dense(:, 5))))
-      if (system%has_manifold) then                  ! the projection uses the factors of an evaluation at this very state
-        call system%derivative(to, y, .false., self%error)
-        call system%project(to, y, ok)
-        if (.not. ok) call self%keep_lost_state(to, y, trouble_manifold)
-        if (.not. ok) return
-      end if
+      call system%evaluate_on_manifold(to, y, self%error, ok)
+      if (.not. ok) call self%keep_lost_state(to, y, trouble_manifold)
     else
       y = self%y
+      call system%derivative(to, y, .false., self%error)
     end if
-    call system%derivative(to, y, .false., self%error)
   end subroutine row
 
   !> The state, and the error of an unknown's derivative, where vibrations show first; 0: of that with the largest one.

@@ -6,7 +6,7 @@ module alpha_newton
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: solve_trial, take_trial, prepare_step, give_offsets, find_offset
+  public :: solve_trial, take_trial, prepare_step, find_offsets, find_offset
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.1_wp             !! contraction from which the exact matrix pays [-]
@@ -136,7 +136,7 @@ contains
     real(wp), intent(in) :: near              !! factors of constants so near serve again, of c1 [-]
     logical, intent(out) :: ok
     self%stale = .false.
-    call system%prepare(self%now%c1, self%now%c2, near, ok)
+    call system%prepare([cmplx(self%now%c1, 0.0_wp, wp)], [cmplx(self%now%c2, 0.0_wp, wp)], near, ok)
     associate (inertia => system%inertia*self%now%c1)
       self%gain = 1/(1 + system%viscosity*self%now%c2 + inertia)
       self%resolved = merge(inertia*self%gain, 1 - self%gain, inertia > 0.0_wp)
@@ -144,19 +144,18 @@ contains
     self%resolved(self%nz - system%linear + 1:) = 1.0_wp
   end subroutine prepare_step
 
-  !> Tells the system what internal variables would be at the end of a step at zero deformation, from their predictions.
-  subroutine give_offsets(self, system, z, zd, zdd)
+  !> What internal variables would be at the end of a step at zero deformation, from their predictions: last part of self%dx.
+  subroutine find_offsets(self, system, z, zd, zdd)
     type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
+    class(second_order_ode), intent(in) :: system
     real(wp), intent(in) :: z(:), zd(:), zdd(:)   !! (nz) predictions [m, rad] and per second
     associate (offset => self%dx(self%nq + 1:))
       offset = z - self%gain*(z + system%viscosity*zd + system%inertia*zdd)
       associate (first => self%nz - system%linear + 1)
         offset(first:) = self%now%c2*z(first:) - zd(first:)
       end associate
-      call system%give_internal(offset)
     end associate
-  end subroutine give_offsets
+  end subroutine find_offsets
 
   !> First guess: the accelerations of the step's start, and a share of their change in the trial before.
   pure subroutine predict(self, share)
@@ -187,13 +186,13 @@ contains
   end subroutine predict
 
   !> Newton iterations from the prediction. The matrix is that of the prediction; a new one where it contracts slowly.
-  subroutine newton(self, system, t1, share, exact, hold, ok, slowly)
+  subroutine newton(self, system, t1, share, exact, regularise, ok, slowly)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! [s]
     real(wp), intent(in) :: share             !! as `predict` has it [-]
     logical, intent(in) :: exact              !! whether the exact matrix is used
-    logical, intent(in) :: hold               !! whether rows that depend on others are held back
+    logical, intent(in) :: regularise         !! whether rows that nearly depend on others are regularised
     logical, intent(out) :: ok                !! converged
     logical, intent(out) :: slowly            !! the contraction was poor
     real(wp) :: norm, before, rate, goal, whole, before_whole, reach, blur
@@ -208,17 +207,17 @@ contains
     reach = 1.0_wp
     call predict(self, share)
     associate (nq => self%nq, x1 => self%x1, v1 => self%v1, vd1 => self%vd1)
-      call give_offsets(self, system, x1(nq + 1:), v1(nq + 1:), vd1(nq + 1:))
+      call find_offsets(self, system, x1(nq + 1:), v1(nq + 1:), vd1(nq + 1:))
       do k = 1, most_iterations
-        call system%residual(t1, x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, .true., self%gaps(:, 0))
+        call system%residual(t1, x1(1:nq), v1(1:nq), vd1(1:nq), self%dx(nq + 1:), self%lambda1, .true., self%r, self%gaps(:, 0))
         if ((k == 1 .and. abs(share - 1) > near_length) .or. slowly) then
-          call system%renew(x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, exact, hold, good)
+          call system%renew(x1(1:nq), v1(1:nq), vd1(1:nq), self%lambda1, exact, regularise, good, self%r)
           if (exact) self%newton%factors(2) = self%newton%factors(2) + system%blocks
           if (.not. good) return
         end if
         if (k == 1) reach = system%reach
         blur = noise*reach
-        call system%correction(self%gaps(:, 0), self%dx(1:nq), self%dlambda)
+        call system%correction(self%r, self%gaps(:, 0), self%dx(1:nq), self%dlambda)
         self%newton%iterations = self%newton%iterations + 1
         call measure_correction(self, norm, whole)
         call add_correction(self, 1, nq)

@@ -1,7 +1,7 @@
 !> Start of the generalized-alpha method at a consistent state and change of its step.
 module alpha_start
   use kinds, only: wp
-  use alpha_newton, only: prepare_step, give_offsets, find_offset
+  use alpha_newton, only: prepare_step, find_offsets, find_offset
   use alpha_state, only: alpha_solver
   use generalized_alpha, only: step_coefficients
   use second_order_system, only: second_order_ode
@@ -25,7 +25,7 @@ contains
       self%v(1:nq) = y(nq + 1:2*nq)
       self%v(nq + 1:nq + nzd) = y(2*nq + nz + 1:2*nq + nz + nzd)
       self%energy%sums = y(2*nq + nz + nzd + 1:)
-      call system%accelerations(t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), self%v(nq + 1:), .false., self%vd, &
+      call system%accelerations(t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), self%v(nq + 1:), self%vd, &
                                 self%lambda, self%energy%powers)
     end associate
     self%newton%h = 0.0_wp
@@ -33,8 +33,8 @@ contains
     self%newton%contraction = 1.0_wp
     call set_step(self, system, h, 0.0_wp)
     associate (nq => self%nq)                 ! differences of forces are taken: nothing may depend on the step before
-      call give_offsets(self, system, self%x(nq + 1:), self%v(nq + 1:), self%vd(nq + 1:))
-      call system%smooth(t, self%x(1:nq), self%v(1:nq), self%lambda, self%vd(1:nq), ok)
+      call find_offsets(self, system, self%x(nq + 1:), self%v(nq + 1:), self%vd(nq + 1:))
+      call system%smooth(t, self%x(1:nq), self%v(1:nq), self%dx(nq + 1:), self%lambda, self%vd(1:nq), ok)
       if (ok) self%vd(nq + 1:) = self%resolved*self%vd(nq + 1:)
     end associate
     self%lag = 0.0_wp

@@ -44,6 +44,7 @@ module alpha_state
     real(wp), allocatable :: x1(:), v1(:), vd1(:)      !! (nq + nz) the trial step [m, rad] and per second
     real(wp), allocatable :: lambda(:), lambda1(:)     !! (rows) [N]
     real(wp), allocatable :: dx(:), dlambda(:)         !! (nq + nz), (rows) corrections [m, rad], [N]
+    real(wp), allocatable :: r(:)            !! (nq) residual of motion [N, N m]
     real(wp), allocatable :: gaps(:, :)      !! (rows, 0:3) rows, their derivatives, the offset's rates [m], [m/s], [m/s2], [m/s]
     real(wp), allocatable :: along(:, :), mu(:, :)     !! (nq, 3), (rows, 3) what closes them [m, rad], [N] per s, s2
     real(wp), allocatable :: gain(:)         !! (nz) dz/d(deformation) in this step: 1/(1 + viscosity c2 + inertia c1) [-]
@@ -73,7 +74,7 @@ contains
               self%energy%next(system%quadratures), source=0.0_wp)
     allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:3), &
               self%gain(self%nz), self%resolved(self%nz), self%offset(self%nq), self%offset1(self%nq), &
-              self%along(self%nq, 3), self%mu(system%rows, 3), source=0.0_wp)
+              self%along(self%nq, 3), self%mu(system%rows, 3), self%r(self%nq), source=0.0_wp)
     allocate (self%newton%change(self%nq), source=0.0_wp)
     self%measure = system%measure
   end subroutine set_up_alpha

@@ -142,21 +142,17 @@ contains
     class(implicit_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     logical, intent(out) :: ok
-    ok = .false.
-    select type (system)
-    class is (second_order_ode)
-      call start_again(self, system, ok)
-    end select
+    call start_again(self, system, ok)
     if (ok) call system%resolve_events(self%t, self%y, self%roots%fallen, ok)
   end subroutine restart
 
   !> The method starts anew from the projected state.
   subroutine start_again(self, system, ok)
     class(implicit_stepper), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
+    class(ode), intent(inout) :: system
     logical, intent(out) :: ok
     call self%pack_state(.false., self%y)
-    call system%report(self%t, self%y, ok)
+    call system%evaluate_on_manifold(self%t, self%y, self%trial, ok)
     self%started = .false.
   end subroutine start_again
 
@@ -208,11 +204,7 @@ contains
     call self%pack_state(self%row_due .and. ok, y)
     if (self%t > to) call self%interpolate(to, y)
     ok = ok .and. is_bounded(y)
-    select type (system)
-    class is (second_order_ode)
-      if (ok) call system%report(to, y, ok)
-    end select
-    ok = ok .and. is_bounded(y)
+    if (ok) call system%evaluate_on_manifold(to, y, self%trial, ok)
     if (.not. ok) call self%keep_lost_state(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
   end subroutine row
 

@@ -41,11 +41,10 @@ contains
         associate (first => self%nz - system%linear + 1)
           if (system%linear > 0) w%y(first:self%nz) = n%z0(first:) + linear_part(system, c2, n%rate_gap(first:))
         end associate
-        call system%stage_residual(self%t, w%q, w%v, w%a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
+        call system%residual(self%t, w%q, w%v, w%a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
         self%residuals = self%residuals + 1
         w%gap(:, 1) = w%gap(:, 1)/c2
-        call system%take_parts(w%r(:, 1), w%r_part)
-        call system%correction(w%gap(:, 1), w%dq(:, 1), w%dlambda)
+        call system%correction(w%r(:, 1), w%gap(:, 1), w%dq(:, 1), w%dlambda)
         w%e = 0.0_wp
         w%e(1:nq) = w%dq(:, 1)
         w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - w%rate_gap

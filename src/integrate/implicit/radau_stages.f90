@@ -95,7 +95,6 @@ contains
         allocate (w%r(nq, 3), w%gap(rows, 3), w%dq(nq, 3), w%dv(nq, 3), w%e(system%n), source=0.0_wp)
         allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows), w%r_real(nq), w%gap_real(rows), &
                   w%dlambda(rows), w%mu(rows, 1))
-        w%r_part = 0.0_wp
         w%y = w%e
         allocate (w%q(nq), w%v(nq), w%a(nq), w%rate_gap(nq), w%pairs(nq + nz, 4), source=0.0_wp)
       end associate
@@ -110,7 +109,7 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                !! [s]
     real(wp) :: powers(system%quadratures), a(self%nq + self%nz)
-    call system%accelerations(t, self%q0, self%v0, self%inner%z0, self%inner%zd0, .false., a, self%last_lambda(:, 3), powers)
+    call system%accelerations(t, self%q0, self%v0, self%inner%z0, self%inner%zd0, a, self%last_lambda(:, 3), powers)
     self%residuals = self%residuals + 1
     self%a0 = a(1:self%nq)
     self%last_h = 0.0_wp
@@ -338,15 +337,14 @@ contains
     call stage_states(self, system)
     do k = 1, 3
       i = merge(2, merge(1, 3, k == 1), k == 3)
-      call system%stage_residual(self%t + self%method%c(i)*self%h, self%q(:, i), self%v(:, i), self%a(:, i), self%inner%z(:, i), &
-                                 self%lambda(:, i), .true., self%work%r(:, i), self%work%gap(:, i))
+      call system%residual(self%t + self%method%c(i)*self%h, self%q(:, i), self%v(:, i), self%a(:, i), self%inner%z(:, i), &
+                           self%lambda(:, i), .true., self%work%r(:, i), self%work%gap(:, i))
     end do
     self%residuals = self%residuals + 3
     associate (m => self%method, w => self%work)
       f = real(m%from(1, :), wp)
       w%r_real = f(1)*w%r(:, 1) + f(2)*w%r(:, 2) + f(3)*w%r(:, 3)
       w%r_part = m%from(2, 1)*w%r(:, 1) + m%from(2, 2)*w%r(:, 2) + m%from(2, 3)*w%r(:, 3)
-      call system%take_parts(w%r_real, w%r_part)
     end associate
   end subroutine stage_residuals
 
@@ -356,9 +354,10 @@ contains
     class(second_order_ode), intent(inout) :: system
     logical, intent(in) :: regularise
     logical, intent(out) :: ok
-    call system%renew_stages(self%method%mu/self%h, self%q(:, 2), self%v(:, 2), self%a(:, 2), self%lambda(:, 2), &
-                             self%full_block_left > 0, regularise, ok)
     self%renewals = self%renewals + 1
+    call system%prepare((self%method%mu/self%h)**2, self%method%mu/self%h, 0.0_wp, ok)
+    if (ok) call system%renew(self%q(:, 2), self%v(:, 2), self%a(:, 2), self%lambda(:, 2), self%full_block_left > 0, regularise, &
+                              ok, self%work%r_real, self%work%r_part)
   end subroutine renew
 
   !> One correction of the stages by the factors that stand.
@@ -372,8 +371,8 @@ contains
       f = real(m%from(1, :)/c2(1), wp)
       w%gap_real = f(1)*w%gap(:, 1) + f(2)*w%gap(:, 2) + f(3)*w%gap(:, 3)
       w%gap_part = (m%from(2, 1)*w%gap(:, 1) + m%from(2, 2)*w%gap(:, 2) + m%from(2, 3)*w%gap(:, 3))/c2(2)
-      call system%correction(w%gap_real, w%dq(:, 1), w%dlambda)
-      call system%complex_correction(w%gap_part, w%dq_part, w%dlambda_part)
+      call system%correction(w%r_real, w%gap_real, w%dq(:, 1), w%dlambda)
+      call system%complex_correction(w%r_part, w%gap_part, w%dq_part, w%dlambda_part)
       do i = 3, 1, -1
         x = m%to(i, 2)*c2(2)
         w%dv(:, i) = real(m%to(i, 1)*c2(1), wp)*w%dq(:, 1) + real(x*w%dq_part, wp)

@@ -3,10 +3,10 @@
 !>   r(t, q, v, a, z, lambda) = 0      phi(t, q) = 0      inertia z'' + viscosity z' + z = deformation(q)
 !>
 !> The matrix of Newton's method stands for a step whose rates and accelerations are tied to positions, dv = c2 dq and
-!> da = c1 dq; a method of several stages solves with a real and a complex one, T(c2**2, c2), for the eigenvalues of its
-!> coefficients. The method itself solves the equations of the internal variables z: it tells the system what they are at zero
-!> deformation. The last of them may be linear states instead, z' = A z + f(t, q, v). The state y is q, v, z, z' and two
-!> quadratures, dissipated energy and work.
+!> da = c1 dq. A method of several stages solves with a real and a complex one, T(c2**2, c2), for the eigenvalues of its
+!> coefficients. The method itself solves the equations of the internal variables z: the system gets their values at zero
+!> deformation. The last of them may be linear states instead, z' = A z + f(t, q, v). The state y is q, v, z, z' and quadratures:
+!> dissipated energy, work, and others.
 module second_order_system
   use kinds, only: wp
   use ode_system, only: ode
@@ -32,24 +32,19 @@ module second_order_system
     real(wp) :: reach = 1.0_wp                !! distance from the origin in scene sizes, or angle: rounding follows both [-]
   contains
     procedure(make_ready), deferred :: start_implicit
-    procedure(take_step), deferred :: prepare
-    procedure(take_offsets), deferred :: give_internal
-    procedure(trial_residual), deferred :: residual
-    procedure(trial_tangent), deferred :: renew
+    procedure(take_constants), deferred :: prepare
+    procedure(find_residual), deferred :: residual
+    procedure(make_matrix), deferred :: renew
     procedure(solve_correction), deferred :: correction
-    procedure(stage_residuals), deferred :: stage_residual
-    procedure(residual_parts), deferred :: take_parts
-    procedure(stage_point), deferred :: renew_stages
-    procedure(complex_solution), deferred :: complex_correction
+    procedure(solve_complex), deferred :: complex_correction
+    procedure(close_gaps), deferred :: along_rows
+    procedure(find_gaps), deferred :: gaps
     procedure(find_deformations), deferred :: deformations
     procedure(solve_states), deferred :: solve_linear
     procedure(find_powers), deferred :: powers
     procedure(find_product), deferred :: mass_product
     procedure(evaluate_state), deferred :: accelerations
-    procedure(report_state), deferred :: report
     procedure(smooth_start), deferred :: smooth
-    procedure(find_gaps), deferred :: gaps
-    procedure(close_gaps), deferred :: along_rows
   end type second_order_ode
 
   abstract interface
@@ -59,89 +54,61 @@ module second_order_system
       class(second_order_ode), intent(inout) :: self
       logical, intent(in) :: stages
     end subroutine make_ready
-    !> Takes the constants c1, c2 of a step and factors what depends on them alone; ok is false where that fails. Factors that stand
-    !> for constants so near serve again, with slightly slower iterations; residuals follow the constants in any case.
-    subroutine take_step(self, c1, c2, near, ok)
+    !> Takes the constants of a step, a real one and for several stages a complex one besides, and factors what depends on them
+    !> alone; ok is false where that fails. For a single stage factors of constants so near serve again, with slightly slower
+    !> iterations; residuals follow the constants in any case.
+    subroutine take_constants(self, c1, c2, near, ok)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in) :: c1              !! da/dq [1/s2]
-      real(wp), intent(in) :: c2              !! dv/dq [1/s]
+      complex(wp), intent(in) :: c1(:)        !! da/dq [1/s2]
+      complex(wp), intent(in) :: c2(:)        !! dv/dq [1/s]
       real(wp), intent(in) :: near            !! of c1; 0: none serve again [-]
       logical, intent(out) :: ok
-    end subroutine take_step
-    !> Takes the internal variables of residuals to come: what their past makes of them at zero deformation; of linear states
-    !> c2 z - z' of the method's prediction, or where stages are given them, the states.
-    subroutine take_offsets(self, z)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in), contiguous :: z(:)   !! (nz) [m, rad]
-    end subroutine take_offsets
-    !> Residuals of motion at a trial state, kept in the system, and the rows' values; jumps at t are not yet felt where left.
-    subroutine trial_residual(self, t, q, v, a, lambda, left_limit, gap)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-      real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
-      logical, intent(in) :: left_limit
-      real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m]
-    end subroutine trial_residual
-    !> The matrix at the state of the last residual; exact: every term renewed, else only those that cost little. Rows that are
-    !> nearly dependent are held back where hold asks for it.
-    subroutine trial_tangent(self, q, v, a, lambda, exact, hold, ok)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-      real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
-      logical, intent(in) :: exact, hold
-      logical, intent(out) :: ok
-    end subroutine trial_tangent
-    !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, r the last residual, by the matrix that stands.
-    subroutine solve_correction(self, gap, dq, dlambda)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
-      real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
-      real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
-    end subroutine solve_correction
-    !> Residual of motion and rates of the rows; jumps at t are not yet felt where left.
-    subroutine stage_residuals(self, t, q, v, a, z, lambda, left, r, gap)
+    end subroutine take_constants
+    !> Residual of motion at a trial state, and values of the rows, for several stages their rates. The internal variables z are
+    !> those at zero deformation (of linear states c2 z - z' of the method's prediction), for several stages those of the stage.
+    subroutine find_residual(self, t, q, v, a, z, lambda, left_limit, r, gap)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
       real(wp), intent(in), contiguous :: z(:)               !! (nz) [m, rad]
       real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
-      logical, intent(in) :: left
+      logical, intent(in) :: left_limit       !! jumps of the loads at t are not yet felt
       real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
-      real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m/s]
-    end subroutine stage_residuals
-    !> Takes the residuals of a real and of a complex system, in the frames of the last stage's.
-    subroutine residual_parts(self, r, r_complex)
+      real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m] or [m/s]
+    end subroutine find_residual
+    !> The matrices at the state of the last residual, whose arguments are given again. The residuals r of the next corrections are
+    !> solved at the same time.
+    subroutine make_matrix(self, q, v, a, lambda, exact, regularise, ok, r, r_complex)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
-      complex(wp), intent(in), contiguous :: r_complex(:)   !! (nq) [N, N m]
-    end subroutine residual_parts
-    !> Both matrices at the state of the last residual, whose arguments are given again; the parts have been taken.
-    subroutine stage_point(self, c2, q, v, a, lambda, whole, hold, ok)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(inout) :: self
-      complex(wp), intent(in) :: c2(2)        !! a real and a complex constant [1/s]
       real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
-      real(wp), intent(in), contiguous :: lambda(:)    !! (rows) [N]
-      logical, intent(in) :: whole            !! blocks are factored with what the state adds, else as the constants leave them
-      logical, intent(in) :: hold             !! rows that nearly depend on others are held back
+      real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
+      logical, intent(in) :: exact            !! every term is renewed, else only those that cost little
+      logical, intent(in) :: regularise       !! rows that nearly depend on others are regularised
       logical, intent(out) :: ok
-    end subroutine stage_point
-    !> As `correction`, by the complex matrix.
-    subroutine complex_solution(self, gap, dq, dlambda)
+      real(wp), intent(in), contiguous :: r(:)               !! (nq) [N, N m]
+      complex(wp), intent(in), contiguous, optional :: r_complex(:)   !! (nq) for several stages [N, N m]
+    end subroutine make_matrix
+    !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, by the real matrix, in the frames of the last residual.
+    subroutine solve_correction(self, r, gap, dq, dlambda)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
+      real(wp), intent(in), contiguous :: r(:)          !! (nq) [N, N m]
+      real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
+      real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
+      real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
+    end subroutine solve_correction
+    !> The same by the complex matrix.
+    subroutine solve_complex(self, r, gap, dq, dlambda)
+      import :: second_order_ode, wp
+      class(second_order_ode), intent(inout) :: self
+      complex(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
       complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
       complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
       complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
-    end subroutine complex_solution
+    end subroutine solve_complex
     !> The deformation that each internal variable follows, f of linear states; jumps at t are not yet felt.
     subroutine find_deformations(self, t, q, v, delta)
       import :: second_order_ode, wp
@@ -176,34 +143,24 @@ module second_order_system
       real(wp), intent(in), contiguous :: x(:, :)   !! (nq + nz, 4) [any]
       real(wp) :: product                           !! [J] for rates
     end function find_product
-    !> Accelerations that the equations give at a state, multipliers and powers. At the end of a step jumps at t are not felt yet;
-    !> where rows are nearly dependent, the state is put onto the constraints first, and the accelerations are those of the branch
-    !> of motion.
-    subroutine evaluate_state(self, t, q, v, z, zd, end_of_step, a, lambda, powers)
+    !> Accelerations that the equations give at a state, multipliers and powers. Loads that jump at t act.
+    subroutine evaluate_state(self, t, q, v, z, zd, a, lambda, powers)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:), z(:)   !! (nq), (nz) [m, rad] and per second
       real(wp), intent(inout), contiguous :: zd(:)   !! (nz) [m/s, rad/s]; of first order: set
-      logical, intent(in) :: end_of_step
       real(wp), intent(out), contiguous :: a(:)        !! (nq + nz) [m/s2, rad/s2]
       real(wp), intent(out), contiguous :: lambda(:)   !! (rows) [N]
       real(wp), intent(out) :: powers(:)      !! (quadratures) [W]
     end subroutine evaluate_state
-    !> Puts a state onto the constraints and evaluates it there.
-    subroutine report_state(self, t, y, ok)
-      import :: second_order_ode, wp
-      class(second_order_ode), intent(inout) :: self
-      real(wp), intent(in) :: t               !! [s]
-      real(wp), intent(inout), contiguous :: y(:)      !! (n) q, v, z, z' [m, rad], [m/s, rad/s], quadratures [J]
-      logical, intent(out) :: ok
-    end subroutine report_state
-    !> Accelerations that a step resolves: what of a it can follow, within the constraints. Renews the matrix at the state.
-    subroutine smooth_start(self, t, q, v, lambda, a, ok)
+    !> Accelerations that a step can follow, in place of those of the equations, within the constraints. Renews the matrix.
+    subroutine smooth_start(self, t, q, v, z, lambda, a, ok)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in) :: t               !! [s]
       real(wp), intent(in), contiguous :: q(:), v(:), lambda(:)   !! (nq), (rows) [m, rad], rates, [N]
+      real(wp), intent(in), contiguous :: z(:)                    !! (nz) as `residual` takes them [m, rad]
       real(wp), intent(inout), contiguous :: a(:)                 !! (nq) [m/s2, rad/s2]
       logical, intent(out) :: ok
     end subroutine smooth_start

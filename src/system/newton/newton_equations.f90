@@ -15,7 +15,7 @@ module newton_equations
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: prepare, give_terms, let_terms_follow, residual, renew, take_residual
+  public :: prepare, give_terms, let_terms_follow, residual, gather_residual, renew
 
 contains
 
@@ -154,18 +154,21 @@ contains
     call condense(self%t, m, ev, self%eq, v, a, lambda, full_block, shift, bad)
   end subroutine renew
 
-  !> Hands the last residual to what solves for corrections.
-  subroutine take_residual(self, m)
-    type(newton_matrix), intent(inout) :: self
+  !> The last residual, frames' origins in global axes.
+  subroutine gather_residual(self, m, ev, r)
+    type(newton_matrix), intent(in) :: self
     type(mechanism_model), intent(in) :: m
-    integer :: b
-    self%t%solved = .false.
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
+    integer :: b, i
     do b = 1, size(self%eq)
-      associate (x => self%t%b(b), eq => self%eq(b))
-        x%force = eq%frame
-        if (x%n == 0) cycle
-        x%elastic = eq%elastic(1:x%n)
+      i = m%s%qo(b)
+      associate (eq => self%eq(b))
+        r(i + 1) = ev%frame%cos(b)*eq%frame(1) - ev%frame%sin(b)*eq%frame(2)
+        r(i + 2) = ev%frame%sin(b)*eq%frame(1) + ev%frame%cos(b)*eq%frame(2)
+        r(i + 3) = eq%frame(3)
+        if (eq%n > 0) r(i + 4:i + 3 + eq%n) = eq%elastic(1:eq%n)
       end associate
     end do
-  end subroutine take_residual
+  end subroutine gather_residual
 end module newton_equations

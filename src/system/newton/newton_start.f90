@@ -9,7 +9,7 @@ module newton_start
   use joint_system, only: add_row_motion, velocity_terms
   use mechanism, only: mechanism_model
   use newton_correction, only: correction
-  use newton_equations, only: residual, take_residual, renew
+  use newton_equations, only: residual, renew
   use newton_system, only: newton_matrix
   use switched_rows, only: leave_open
   implicit none (type, external)
@@ -34,7 +34,12 @@ contains
     integer :: b
     none = 0.0_wp
     call residual(self, m, ev, options, t, q, v, a, lambda)
-    call take_residual(self, m)
+    do b = 1, size(self%eq)
+      associate (t => self%t%b(b), eq => self%eq(b))
+        t%force = eq%frame
+        if (t%n > 0) t%elastic = eq%elastic(1:t%n)
+      end associate
+    end do
     call residual(self, m, ev, options, t, q, v, none, lambda)
     do b = 1, size(self%eq)                    ! the difference of both is M a
       associate (t => self%t%b(b), eq => self%eq(b))
