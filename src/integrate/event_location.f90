@@ -8,13 +8,13 @@ module event_location
   use time_stepper, only: stepper, root_values, trouble_events
   implicit none (type, external)
   private
-  public :: begin_roots, find_event, keep_roots, look_again, next_fall, pass_event
+  public :: begin_roots, find_event, keep_roots, restart_roots, next_fall, pass_event
 
-  real(wp), parameter :: together = 1.0e-12_wp     !! events so near are one, of the step [-]
+  real(wp), parameter :: same_event = 1.0e-12_wp   !! events so near are one, of the step [-]
   real(wp), parameter :: near = 0.01_wp            !! lengths so near show how a root changes with the length, of the step [-]
-  real(wp), parameter :: digits_of_change = 1.0e3_wp   !! a change that shows a slope, of the values that are zero [-]
-  integer, parameter :: most_trials = 80           !! each second one halves at least: more than the digits of a number
-  integer, parameter :: quick_trials = 6           !! after which each second one halves
+  real(wp), parameter :: least_change = 1.0e3_wp   !! of a root, to find a slope from it; of the values that count as zero [-]
+  integer, parameter :: most_trials = 80           !! each second one halves the interval: more than the digits of a number
+  integer, parameter :: quick_trials = 6           !! after which each second one halves the interval
   real(wp), parameter :: shortest_share = 1.0e-6_wp   !! of the run: time in which events may follow one another fast [-]
   integer, parameter :: most_recent = 1000         !! events in that time
 
@@ -31,18 +31,17 @@ contains
     end associate
   end subroutine begin_roots
 
-  !> Roots at the present state after what acts there may have jumped: one that has become negative falls at once. What has come to
-  !> rest there is settled.
-  subroutine look_again(march, system)
+  !> Roots at the present state after loads may have jumped there: one that has become negative falls at once.
+  subroutine restart_roots(march, system)
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system
     associate (r => march%roots)
       if (system%roots == 0) return
       call system%find_roots(march%t, march%y, .false., r%now%g, r%now%rate, r%zero)
-      r%pending = system%unsettled
+      r%pending = system%events_may_follow
       r%fallen = .false.
     end associate
-  end subroutine look_again
+  end subroutine restart_roots
 
   !> Whether a root falls within the step of length h that was tried. If so, h becomes the length of the step that ends there, which
   !> is then the one tried last; 0: the event is at the present state. ok is false where a shorter step of length h cannot be made.
@@ -56,7 +55,7 @@ contains
     logical :: falls
     found = .false.
     ok = .true.
-    call look(march, system, h, march%roots%end)
+    call roots_at_trial(march, system, h, march%roots%end)
     call first_fall(march%roots%now, march%roots%end, march%roots%zero, s, k, falls)
     if (k > 0) call try_lengths(march, system, h, found, ok)
   end subroutine find_event
@@ -104,8 +103,8 @@ contains
         n = n - 1
         cycle
       end if
-      found = falls .and. (right(n)%h - left%h <= together*whole .or. trials == most_trials)
-      if (falls .and. left%h <= 0.0_wp .and. s <= together*whole) found = .true.
+      found = falls .and. (right(n)%h - left%h <= same_event*whole .or. trials == most_trials)
+      if (falls .and. left%h <= 0.0_wp .and. s <= same_event*whole) found = .true.
       if (found .and. left%h <= 0.0_wp) h = 0.0_wp
       if (found .or. trials == most_trials) exit
       if ((trials >= quick_trials .and. mod(trials, 2) == 0) .or. .not. left%h + s > left%h) s = 0.5_wp*(right(n)%h - left%h)
@@ -119,17 +118,17 @@ contains
       found = .not. h < right(n)%h             ! no length lies between
       if (found) exit
       n = n + 1
-      call look(march, system, h, right(n))
+      call roots_at_trial(march, system, h, right(n))
       call guess_rates(left, right(n), right(n - 1))
       call correct_rates(left, right(n), right(n - 1), march%settings%order, near*whole, march%roots%zero, defect)
       found = ends_event(march, left, right(n), k)
       if (found) exit
     end do
     if (found) then
-      if (h >= (1 - together)*whole) march%tried = target
+      if (h >= (1 - same_event)*whole) march%tried = target
       if (abs(h - left%h) > 0.0_wp) left = right(n)
-      call flag(march, left, k, whole)
-    else if (abs(h - whole) > 0.0_wp) then    ! a dip that is none: the whole step again
+      call mark_fallen(march, left, k, whole)
+    else if (abs(h - whole) > 0.0_wp) then    ! no root falls: the whole step again
       h = whole
       march%tried = target
       call march%try_step(system, h, ok)
@@ -151,21 +150,21 @@ contains
     yes = other == 0
   end function ends_event
 
-  !> Roots that have fallen where a step ends: root k, and those that are within rounding of it.
-  subroutine flag(march, at, k, whole)
+  !> Roots that have fallen where a step ends: root k, and those that fall with it but for rounding.
+  subroutine mark_fallen(march, at, k, whole)
     class(stepper), intent(inout) :: march
     type(root_values), intent(in) :: at
     integer, intent(in) :: k
     real(wp), intent(in) :: whole             !! length of the step within which they fall [s]
     associate (r => march%roots)
-      r%fallen = at%rate < 0.0_wp .and. at%g <= max(r%zero, -together*whole*at%rate)
+      r%fallen = at%rate < 0.0_wp .and. at%g <= max(r%zero, -same_event*whole*at%rate)
       r%fallen(k) = .true.
       r%end = at
     end associate
-  end subroutine flag
+  end subroutine mark_fallen
 
   !> Roots at the end of the step that was tried.
-  subroutine look(march, system, h, at)
+  subroutine roots_at_trial(march, system, h, at)
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
@@ -175,9 +174,9 @@ contains
     call march%pack_trial()
     call system%find_roots(march%tried, march%trial, .true., at%g, at%rate, march%roots%zero)
     at%raw = at%rate
-  end subroutine look
+  end subroutine roots_at_trial
 
-  !> Rates that the system does not know: those of the parabola through three lengths.
+  !> Rates that the system does not give: those of the parabola through three lengths.
   pure subroutine guess_rates(left, at, right)
     type(root_values), intent(inout) :: left, at, right
     real(wp) :: a, b
@@ -193,9 +192,9 @@ contains
   end subroutine guess_rates
 
   !> The end of a longer step is not that of a longer time: with the local error C h^(p+1) of a method of order p a root changes
-  !> with the length h at its rate plus (p+1) C h^p. C follows from the values at the length tried last and the nearer one of both
-  !> beside it, with the parabola through the three rates between them. A dip that may be none is finer than that parabola, unless
-  !> the lengths are near each other.
+  !> with the length h at its rate plus (p+1) C h^p. C follows from the values at the length tried last and at the nearer one of its
+  !> neighbours, with the parabola through the three rates between them. Where a root only may fall, that parabola is too coarse,
+  !> unless the lengths are near each other.
   pure subroutine correct_rates(left, at, right, order, close, zero, defect)
     type(root_values), intent(inout) :: left, at, right
     integer, intent(in) :: order              !! p
@@ -213,7 +212,7 @@ contains
       if (maxval(r) >= huge(1.0_wp) .or. max(left%g(k), at%g(k), right%g(k)) >= huge(1.0_wp)) cycle
       change = merge(right%g(k), left%g(k), later) - at%g(k)
       bend = ((r(3) - r(2))/(h(3) - h(2)) - (r(2) - r(1))/(h(2) - h(1)))/(h(3) - h(1))
-      if (abs(change) > digits_of_change*zero(k)) defect(k) = (change - (h(2) - h(1))*(0.5_wp*(r(1) + r(2)) - &
+      if (abs(change) > least_change*zero(k)) defect(k) = (change - (h(2) - h(1))*(0.5_wp*(r(1) + r(2)) - &
         bend*(h(2) - h(1))**2/6))/(h(2)**(order + 1) - h(1)**(order + 1))
       left%rate(k) = left%raw(k) + (order + 1)*defect(k)*left%h**order
       at%rate(k) = at%raw(k) + (order + 1)*defect(k)*at%h**order
@@ -221,8 +220,9 @@ contains
     end do
   end subroutine correct_rates
 
-  !> Length after the left one at which a root first falls to zero by its interpolant, k = 0: none does. Where the interpolant alone
-  !> says so, falls is false and the length that of its minimum, to be tried; it is believed but for the depth of the dip itself.
+  !> Length after the left one at which a root first falls to zero by its interpolant; k = 0: none does. Where a root is positive at
+  !> both ends and only its interpolant dips to zero, falls is false and the length is that of the minimum, to be tried. An
+  !> interpolant may err by the depth of the dip.
   pure subroutine first_fall(left, right, zero, s, k, falls)
     type(root_values), intent(in) :: left, right
     real(wp), intent(in) :: zero(:)           !! (roots) values so small are zero [any]
@@ -250,7 +250,7 @@ contains
         x = cubic_fall(g, d)
         if (.not. known .and. g(0) <= 0.0_wp) x = merge(0.0_wp, 0.5_wp, left%g(i) < -zero(i))
       else
-        x = doubtful_dip(g, d, zero(i))
+        x = possible_dip(g, d, zero(i))
       end if
       if (x > 1.0_wp .or. h*x >= s) cycle
       s = h*x
@@ -287,7 +287,7 @@ contains
   end function cubic_fall
 
   !> Where a cubic that is not negative at 0 and 1 has a minimum so low that it may be negative; 2: nowhere.
-  pure real(wp) function doubtful_dip(g, d, tolerance) result(x)   ! [-]
+  pure real(wp) function possible_dip(g, d, tolerance) result(x)   ! [-]
     real(wp), intent(in) :: g(0:1), d(0:1)    !! [any]
     real(wp), intent(in) :: tolerance         !! [any]
     real(wp) :: c(0:3), turns(2), least, depth
@@ -302,7 +302,7 @@ contains
       depth = min(g(0), g(1)) - least
       if (depth > tolerance .and. least < depth) x = turns(i)
     end do
-  end function doubtful_dip
+  end function possible_dip
 
   !> Coefficients of a cubic by its values and slopes at 0 and 1 [any].
   pure function coefficients(g, d) result(c)
@@ -331,19 +331,19 @@ contains
     if (x(1) > x(2)) x = x([2, 1])
   end subroutine extremes
 
-  !> How long a step of length h that was tried and is refused may be, as far as roots show: to the first fall within it [s].
+  !> Time to the first fall of a root within a step of length h that was tried and is refused; huge: none falls [s].
   real(wp) function next_fall(march, system, h) result(s)
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     integer :: k
     logical :: falls
-    call look(march, system, h, march%roots%end)
+    call roots_at_trial(march, system, h, march%roots%end)
     call first_fall(march%roots%now, march%roots%end, march%roots%zero, s, k, falls)
-    if (.not. s > together*h) s = huge(1.0_wp)
+    if (.not. s > same_event*h) s = huge(1.0_wp)
   end function next_fall
 
-  !> Lets the system pass the event at the present state; the march starts anew. The solution is lost where events follow one
+  !> Lets the system resolve the event at the present state; the march starts anew. The solution is lost where events follow one
   !> another without end.
   subroutine pass_event(march, system)
     class(stepper), intent(inout) :: march

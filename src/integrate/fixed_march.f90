@@ -1,8 +1,8 @@
-!> Fixed steps of all methods: equal steps in each output interval, times never accumulated. A step has pieces where an event or a
-!> breakpoint lies in it; it is divided where it fails or is too long for what an event has begun.
+!> Fixed steps of all methods: equal steps in each output interval, whose times are multiples and not sums. A step has pieces where
+!> an event or a breakpoint lies in it. It is divided where it fails, or is too long for the motion that an event has started.
 module fixed_march
   use kinds, only: wp, ip
-  use event_location, only: find_event, keep_roots, look_again, pass_event
+  use event_location, only: find_event, keep_roots, restart_roots, pass_event
   use ode_system, only: ode
   use step_counts, only: step_count
   use time_stepper, only: stepper, step_grid, trouble_none
@@ -11,8 +11,8 @@ module fixed_march
   public :: at_stop, fixed_attempt
 
   real(wp), parameter :: on_step = 1.0e-9_wp   !! a breakpoint so near to the end of a step is there, of the step [-]
-  real(wp), parameter :: joined = 1.0e-6_wp    !! what is left of a step after a piece joins the next one, of the step [-]
-  integer, parameter :: most_levels = 20       !! of divisions for an event's sake
+  real(wp), parameter :: joined = 1.0e-6_wp    !! a rest of a step that is shorter joins the next one, of the step [-]
+  integer, parameter :: most_levels = 20       !! of divisions after an event
 
 contains
 
@@ -29,8 +29,8 @@ contains
       return
     end if
     n = step_count(from, to, self%settings%step)
-    call aim(self, from, to, n, system%longest_fixed((to - from)/real(n, wp), self%settings%order), h, ends)
-    if (self%row_due) return
+    call next_piece(self, from, to, n, system%longest_fixed((to - from)/real(n, wp), self%settings%order), h, ends)
+    if (self%output_due) return
     call self%try_step(system, h, ok)
     at_event = .false.
     if (ok .and. system%roots > 0) call find_event(self, system, h, at_event, ok)
@@ -40,7 +40,7 @@ contains
     end if
     if (system%roots > 0) call keep_roots(self, system, h, at_event)
     if (h > 0.0_wp) call self%accept_step(system, h)
-    if (.not. at_event .and. at_stop(self, h)) call look_again(self, system)
+    if (.not. at_event .and. at_stop(self, h)) call restart_roots(self, system)
     if (self%trouble == trouble_none .and. abs(self%tried - ends) <= 0.0_wp .and. h > 0.0_wp) call count_part(self%grid, n)
   end subroutine fixed_attempt
 
@@ -53,7 +53,7 @@ contains
   end function at_stop
 
   !> The next step: its length, its end `tried`, and the end of the part of the grid that it belongs to. A stop within it ends it.
-  subroutine aim(self, from, to, n, longest, h, ends)
+  subroutine next_piece(self, from, to, n, longest, h, ends)
     class(stepper), intent(inout) :: self
     real(wp), intent(in) :: from, to          !! [s]
     integer(ip), intent(in) :: n              !! steps in the interval
@@ -73,8 +73,8 @@ contains
         if (abs(self%t - (from + (real(g%done, wp) + real(g%part, wp)/2**g%level)*whole)) > 0.0_wp) then
           if (ends - self%t < joined*h) then
             call count_part(g, n)
-            self%row_due = g%done == 0 .and. g%part == 0
-            if (self%row_due) return
+            self%output_due = g%done == 0 .and. g%part == 0
+            if (self%output_due) return
             cycle
           end if
           h = ends - self%t
@@ -93,7 +93,7 @@ contains
       h = stops(k) - self%t
       self%tried = stops(k)
     end associate
-  end subroutine aim
+  end subroutine next_piece
 
   !> A part of a step is done; parts grow again as far as they fit.
   pure subroutine count_part(g, n)

@@ -12,10 +12,10 @@ module ode_system
     integer :: n = 0                          !! unknowns
     logical :: has_manifold = .true.          !! `project` may move a state
     integer :: roots = 0                      !! functions that are watched: positive, the fall of one to zero is an event
-    real(wp) :: longest_step = huge(1.0_wp)   !! that resolves what the last events began [s]
-    real(wp) :: resting_step = huge(1.0_wp)   !! of steps chosen by their errors, where nothing moves that would limit them [s]
+    real(wp) :: longest_step = huge(1.0_wp)   !! that resolves the motion which the last events have started [s]
+    real(wp) :: resting_step = huge(1.0_wp)   !! longest step of adaptive methods while nothing moves: errors do not limit it [s]
     logical :: fault = .false.                !! the system itself has no solution from here
-    logical :: unsettled = .false.            !! where roots were found last, events may follow without a fall
+    logical :: events_may_follow = .false.    !! at the state of the last `find_roots`, without the fall of a root
   contains
     procedure(right_hand_side), deferred :: derivative
     procedure(onto_manifold), deferred :: project
@@ -27,7 +27,7 @@ module ode_system
   end type ode
 
   abstract interface
-    !> f(t, y). With left = .true. jumps of the loads at t are not yet felt: the end of a step belongs to the step.
+    !> f(t, y). With left_limit jumps of the loads at t do not act yet: the end of a step belongs to the step.
     subroutine right_hand_side(self, t, y, left_limit, dy)
       import :: ode, wp
       class(ode), intent(inout) :: self
@@ -66,8 +66,8 @@ contains
     ok = is_bounded(y) .and. is_bounded(dy)
   end subroutine evaluate_on_manifold
 
-  !> Roots at a state: their values, their rates and what is zero for the values. Huge values are not watched, huge rates not known.
-  !> Here: none.
+  !> Roots at a state: their values, their rates and the values that count as zero. Huge values are not watched, huge rates not
+  !> known. Here: none.
   subroutine no_roots(self, t, y, left_limit, g, rate, zero)
     class(ode), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
@@ -90,7 +90,7 @@ contains
     ok = .true.
   end subroutine no_events
 
-  !> Hears of a step that is accepted, from the roots at both its ends. Here: nothing.
+  !> Notes an accepted step: its length and the roots at both ends. Here: nothing.
   subroutine no_note(self, h, g0, rate0, g1, rate1)
     class(ode), intent(inout) :: self
     real(wp), intent(in) :: h                 !! its length [s]

@@ -16,7 +16,7 @@ module step_control
   type, public :: error_norm
     integer, allocatable :: group(:)          !! (n) group of each unknown, 0: not measured
     real(wp), allocatable :: floor(:)         !! (groups) least scale of the values [unit of the group]
-    logical, allocatable :: rate(:)           !! (groups) rates: their floor is what would move values by theirs in one step
+    logical, allocatable :: rate(:)           !! (groups) rates: their floor is that of the values over the step
     real(wp), allocatable :: bound(:)         !! (groups) values above it have no physical meaning [unit of the group]
     real(wp), allocatable :: largest(:)       !! (groups) largest value so far [unit of the group]
     real(wp), allocatable :: scale(:)         !! (groups) work [unit of the group]
@@ -74,7 +74,7 @@ contains
   end subroutine watch_slopes
 
   !> Largest error of a derivative relative to the largest derivative of its group so far, in tolerances. The scale of a group is at
-  !> least a millionth of the largest of the system. Allowed besides is rounding: the largest noise of any group, since joints pass
+  !> least a millionth of the largest of the system. Rounding is allowed besides: the largest noise of any group, since joints pass
   !> it on, and that of the values, eps v, times h and the square of the fastest frequency.
   function measure_slopes(self, e, dy, h, tolerance) result(worst)
     class(error_norm), intent(inout) :: self
@@ -99,9 +99,8 @@ contains
   end function measure_slopes
 
   !> Largest |e| of any unknown over its group's scale, in tolerances: 1 is just allowed. y is the state at the end of the step.
-  !> Allowed besides is what is known to be rounding, the largest of any group since joints pass it on, of values and of rates.
-  !> Rates of internal variables follow small differences of large values: their derivatives' rounding times h is allowed in their
-  !> own group.
+  !> Known rounding of values and of rates is allowed besides: the largest of any group, since joints pass it on. Rates of internal
+  !> variables follow small differences of large values: the rounding of their derivatives times h is allowed in their own group.
   function measure(self, e, y, h, tolerance, rounding) result(worst)
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: tolerance         !! [-]

@@ -20,7 +20,7 @@ module time_stepper
                                 trouble_iteration = 4, trouble_shape = 5, trouble_rounding = 6, trouble_events = 7, &
                                 trouble_system = 8
 
-  !> What a deck asks of the steps.
+  !> Steps as the deck specifies them.
   type, public :: step_settings
     logical :: adaptive = .false.             !! steps are chosen by their errors
     integer :: order = 1                      !! of the method
@@ -43,7 +43,7 @@ module time_stepper
   type, public :: root_values
     real(wp) :: h = 0.0_wp                    !! [s]
     real(wp), allocatable :: g(:), rate(:)    !! (roots); rates by the length, as far as they are known [any], [any/s]
-    real(wp), allocatable :: raw(:)           !! (roots) rates as the system says them [any/s]
+    real(wp), allocatable :: raw(:)           !! (roots) rates from the system, by time [any/s]
   end type root_values
 
   !> Roots at the present state, and an event there (`event_location`).
@@ -52,8 +52,8 @@ module time_stepper
     type(root_values) :: end                  !! at the end of the step that was tried
     real(wp), allocatable :: zero(:)          !! (roots) values so small are zero [any]
     logical, allocatable :: fallen(:)         !! (roots) those that have fallen to zero at t
-    logical :: pending = .false.              !! some have, and the system has not been told yet
-    logical :: locating = .false.             !! lengths are tried, each of which counts to the last digit
+    logical :: pending = .false.              !! some have, and the system has not resolved that event yet
+    logical :: locating = .false.             !! lengths are tried: each is taken to the last digit
     integer :: recent = 0                     !! events since the time `since`
     real(wp) :: since = 0.0_wp                !! [s]
   end type root_watch
@@ -61,7 +61,7 @@ module time_stepper
   !> A method with its state.
   type, abstract, public :: stepper
     type(step_settings) :: settings
-    type(error_norm) :: norm                  !! scales of errors, bounds of what means anything
+    type(error_norm) :: norm                  !! scales of errors, bounds of states with a physical meaning
     real(wp) :: t = 0.0_wp                    !! end of the last accepted step [s]
     integer(ip) :: steps = 0                  !! accepted
     integer(ip) :: rejected = 0               !! tried and given up
@@ -71,7 +71,7 @@ module time_stepper
     type(step_grid) :: grid
     type(root_watch) :: roots
     integer :: next_stop = 1                  !! first of the stops after t; found again after a restart
-    logical :: row_due = .false.              !! fixed: the output interval is done, but for a remainder that joins the next step
+    logical :: output_due = .false.           !! fixed: the output interval is done, but for a remainder that joins the next step
     integer :: cause = trouble_none           !! why the last trial could not be made
     integer :: trouble = trouble_none         !! after `lost`
     real(wp) :: tried = 0.0_wp                !! end of the step that is tried [s]
@@ -83,16 +83,16 @@ module time_stepper
     procedure(try_length), deferred :: try_step
     procedure(take_trial), deferred :: accept_step
     procedure(pass_event), deferred :: restart
-    procedure(read_row), deferred :: row
+    procedure(read_output), deferred :: output_state
     procedure(exchange_march), deferred :: exchange
     procedure :: advance
     procedure :: refuse => lose_step
-    procedure :: pack_trial => trial_as_it_is
+    procedure :: pack_trial => keep_trial
     procedure :: count_step
     procedure :: keep_lost_state
-    procedure :: account => account_nothing
+    procedure :: report_work => no_work_to_report
     procedure :: implicit_work => no_implicit_work
-    procedure :: limiting => nothing_limits
+    procedure :: limiting_error => no_limiting_error
   end type stepper
 
   abstract interface
@@ -126,7 +126,8 @@ module time_stepper
       class(ode), intent(inout) :: system
       real(wp), intent(in) :: h               !! its size [s]
     end subroutine take_trial
-    !> Tells the system which roots have fallen at t, and starts anew from the state y that it leaves; ok is false where it cannot.
+    !> Lets the system resolve the event of the roots that have fallen at t, and starts anew from the state y after it; ok is false
+    !> where it cannot.
     subroutine pass_event(self, system, ok)
       import :: stepper, ode
       class(stepper), intent(inout) :: self
@@ -134,14 +135,14 @@ module time_stepper
       logical, intent(out) :: ok
     end subroutine pass_event
     !> The state at an output time that the march has reached, with its evaluation; not ok: lost, as `trouble` says.
-    subroutine read_row(self, system, to, y, ok)
+    subroutine read_output(self, system, to, y, ok)
       import :: stepper, ode, wp
       class(stepper), intent(inout) :: self
       class(ode), intent(inout) :: system
       real(wp), intent(in) :: to              !! [s]
       real(wp), intent(inout) :: y(:)         !! (n) state [unit]
       logical, intent(out) :: ok
-    end subroutine read_row
+    end subroutine read_output
     !> Saves or restores the march: exchange_common, then what the method has besides.
     subroutine exchange_march(self, a)
       import :: stepper, value_archive
@@ -153,8 +154,8 @@ module time_stepper
 contains
 
   !> Marches towards the output time `to`, at most `most` attempts. Outcome `reached`: y is the state at `to`, on the manifold, and
-  !> the system's last evaluation is the one at it. A call that paused is repeated with the same times; nothing may depend on where
-  !> the pauses are, or on what the system last evaluated before the call.
+  !> the system's last evaluation is of that state. A call that paused is repeated with the same times. Results must not depend on
+  !> where the pauses are, nor on what the system evaluated before the call.
   subroutine advance(self, system, from, to, most, y, outcome)
     class(stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
@@ -166,7 +167,7 @@ contains
     logical :: ok
     attempt = 0
     outcome = paused
-    do while (self%t < to .and. .not. self%row_due)
+    do while (self%t < to .and. .not. self%output_due)
       if (attempt == most) return
       attempt = attempt + 1
       if (.not. system%fault) call self%attempt(system, from, to)
@@ -174,21 +175,21 @@ contains
       if (self%trouble /= trouble_none) outcome = lost
       if (outcome == lost) return
     end do
-    call self%row(system, to, y, ok)
-    self%row_due = .false.
+    call self%output_state(system, to, y, ok)
+    self%output_due = .false.
     outcome = merge(reached, lost, ok)
   end subroutine advance
 
-  !> Without a remedy a fixed step that cannot be made loses the solution.
+  !> Where a method does not divide steps, a fixed step that fails loses the solution.
   subroutine lose_step(self)
     class(stepper), intent(inout) :: self
     self%trouble = self%cause
   end subroutine lose_step
 
   !> The end of the step that was tried, in the system's layout: most methods have it in `trial`.
-  subroutine trial_as_it_is(self)
+  subroutine keep_trial(self)
     class(stepper), intent(inout) :: self
-  end subroutine trial_as_it_is
+  end subroutine keep_trial
 
   !> Saves or restores what every method has.
   subroutine exchange_common(self, a)
@@ -237,11 +238,11 @@ contains
     self%trouble = trouble
   end subroutine keep_lost_state
 
-  !> End of a step from t: at a stop that lies within it or hardly beyond, else after the step that is wanted.
+  !> End of a step from t: at a stop that lies within it or just beyond it, else after the wanted length.
   pure subroutine step_end(t, wanted, stops, next, h, ends, at_stop)
     real(wp), intent(in) :: t, wanted         !! [s]
     real(wp), intent(in) :: stops(:)          !! ascending; the last is the end of the run [s]
-    integer, intent(inout) :: next            !! first stop after t: before, one that is not behind it
+    integer, intent(inout) :: next            !! first stop after t; on entry one that is not after that
     real(wp), intent(out) :: h, ends          !! step and its end [s]
     logical, intent(out) :: at_stop           !! whether the step ends at that stop
     do while (stops(next) <= t .and. next < size(stops))
@@ -253,8 +254,8 @@ contains
     ends = merge(stops(next), t + h, at_stop)
   end subroutine step_end
 
-  !> Why a step that is too small still errs: rounding where the error is below half the digits and that of a step eight times as
-  !> large is not larger by a third power, as no method's own error would be.
+  !> Why the error of a very small step is still too large. It is rounding, if it is below half the digits and a step eight times as
+  !> long has an error less than 8**3 times as large: the error of a method would grow faster.
   pure integer function loss_of_accuracy(tolerance, error, larger) result(trouble)
     real(wp), intent(in) :: tolerance         !! [-]
     real(wp), intent(in) :: error, larger     !! of the step and of the larger one, over the tolerance [-]
@@ -262,25 +263,25 @@ contains
     if (error*tolerance < sqrt(epsilon(1.0_wp)) .and. larger < 8**3*error) trouble = trouble_rounding
   end function loss_of_accuracy
 
-  !> What solving for steps has cost beside the system's explicit evaluations, in these.
+  !> Work of solving for steps, in explicit evaluations.
   pure real(wp) function no_implicit_work(self) result(work)
     class(stepper), intent(in) :: self
     work = 0.0_wp                             ! [-]
   end function no_implicit_work
 
-  !> The state at t, and the estimated error of an unknown in the last step. Which one: 0 asks for that with the largest error, and
-  !> 0 is the answer where errors are not estimated.
-  subroutine nothing_limits(self, y, unknown, error)
+  !> The state at t, and the estimated error of an unknown in the last step. unknown = 0 asks for that with the largest error; it
+  !> stays 0 where errors are not estimated.
+  subroutine no_limiting_error(self, y, unknown, error)
     class(stepper), intent(in) :: self
     real(wp), intent(inout) :: y(:)           !! (n) state [unit of each unknown]
     integer, intent(inout) :: unknown
     real(wp), intent(inout) :: error          !! [unit of that unknown, or per second]
     y = self%y
-  end subroutine nothing_limits
+  end subroutine no_limiting_error
 
   !> A line for the summary about the method's own work; most methods have none.
-  subroutine account_nothing(self, text)
+  subroutine no_work_to_report(self, text)
     class(stepper), intent(in) :: self
     type(summary_record), intent(inout) :: text
-  end subroutine account_nothing
+  end subroutine no_work_to_report
 end module time_stepper

@@ -81,7 +81,7 @@ contains
     if (.not. allocated(self%y)) self%y = method%y      ! a restart has none
     if (self%count == 0) self%unknown = 0
     error = 0.0_wp
-    call method%limiting(self%y, self%unknown, error)
+    call method%limiting_error(self%y, self%unknown, error)
     call run%sys%evaluate_on_manifold(method%t, self%y, dy, ok)
     self%count = self%count + 1
     self%t(self%count) = method%t

@@ -143,7 +143,7 @@ contains
         call self%look_at(t, y, left_limit)
         call watch_rows(self%m, self%ev, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
         call measure_rates(self, t, y, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
-        self%unsettled = comes_to_rest(self%m, self%ev)
+        self%events_may_follow = comes_to_rest(self%m, self%ev)
       end if
       if (n + size(self%m%s%controllers) > 0) call marker_kinematics(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
       call watch_roots(self%m, self%ev, g(:n), rate(:n), zero(:n))

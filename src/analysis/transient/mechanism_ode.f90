@@ -2,7 +2,7 @@
 module mechanism_ode
   use kinds, only: wp
   use border_row_lists, only: row_lists, list_rows, order_rows
-  use border_rows, only: hold_weak_rows, light_shift, least_shift, strong_shift, stage_shift
+  use border_rows, only: regularise_weak_rows, light_shift, least_shift, strong_shift, stage_shift
   use condensed_system, only: change_rows
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed, &
                                       change_complex => change_rows
@@ -17,7 +17,7 @@ module mechanism_ode
   use newton_correction, only: take_residual, correction, row_correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
   use newton_equations, only: prepare, give_terms, let_terms_follow, residual, gather_residual, renew
-  use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, scene_reach
+  use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, rounding_scale_of
   use newton_start, only: smooth_accelerations, row_gaps
   use newton_system, only: newton_matrix, set_up_newton
   use position_measures, only: position_measure
@@ -38,7 +38,7 @@ module mechanism_ode
     procedure :: renew => mechanism_renew
     procedure :: correction => mechanism_correction
     procedure :: complex_correction
-    procedure :: along_rows
+    procedure :: gap_correction
     procedure :: gaps
     procedure :: deformations
     procedure :: solve_linear
@@ -63,7 +63,7 @@ contains
     self%rows = self%m%s%rows
     self%quadratures = self%m%s%quadratures
     self%blocks = count(self%m%s%bodies%flexible)
-    self%fine = any(self%m%s%bodies%shape%split)
+    self%sensitive = any(self%m%s%bodies%shape%split)
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%stages)) deallocate (self%stages)
     allocate (self%t)
@@ -109,7 +109,7 @@ contains
     associate (s => m%s)
       allocate (x%group(s%nq), x%scale(4*size(s%bodies)), x%grows(4*size(s%bodies)))
       allocate (x%weight(s%nq), source=1.0_wp)
-      allocate (x%unit(s%nq), source=0.0_wp)
+      allocate (x%by_group(s%nq), source=0.0_wp)
       do b = 1, size(s%bodies)
         associate (body => s%bodies(b))
           i = s%qo(b)
@@ -124,7 +124,7 @@ contains
           x%grows(4*b - 3:4*b) = [.false., .false., .true., .true.]   ! frames' groups keep the scene's size, one radian
         end associate
       end do
-      x%whole = x%weight/merge(1.0_wp, s%size, mod(x%group, 2) == 0)
+      x%by_scene = x%weight/merge(1.0_wp, s%size, mod(x%group, 2) == 0)
     end associate
   end function measure_of
 
@@ -189,8 +189,8 @@ contains
       call complex_tangents(self%stages, self%t, self%m, self%ev, q, v, a)
       call condense_complex(self%stages, self%m, self%ev, self%t%eq, v, a, lambda, exact, self%shift, bad)
     end if
-    self%weakest = self%t%t%rows%weakest
-    self%reach = scene_reach(self%m, self%ev, q)
+    self%least_pivot = self%t%t%rows%least_pivot
+    self%rounding_scale = rounding_scale_of(self%m, self%ev, q)
     ok = .not. bad
   end subroutine mechanism_renew
 
@@ -303,16 +303,16 @@ contains
   end subroutine gaps
 
   !> Closes gaps in the directions that the constraints fix.
-  subroutine along_rows(self, q, gap, dq, dlambda)
+  subroutine gap_correction(self, q, gap, dq, dlambda)
     class(mechanism_system), intent(inout) :: self
     real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
     real(wp), intent(in), contiguous :: gap(:, :)        !! (rows, columns) [m] and its derivatives
     real(wp), intent(out), contiguous :: dq(:, :)        !! (nq, columns) [m, rad] and theirs
     real(wp), intent(out), contiguous :: dlambda(:, :)   !! (rows, columns) [N] and theirs
-    if (.not. allocated(self%stages)) call hold_weak_rows(self%t%t%rows)
+    if (.not. allocated(self%stages)) call regularise_weak_rows(self%t%t%rows)
     call set_frames(self%m, self%ev, q)
     call row_correction(self%t%t, self%m, self%ev, gap, dq, dlambda)
-  end subroutine along_rows
+  end subroutine gap_correction
 
   !> Deformations that internal variables follow.
   subroutine deformations(self, t, q, v, delta)

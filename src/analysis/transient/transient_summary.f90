@@ -44,7 +44,7 @@ contains
       call text%figure(', rejected: ', 'rejected', method%rejected, rest='')
       call text%figure('  evaluations: ', 'evaluations', ev%evaluations)
       call text%figure(', banded solves: ', 'banded_solves', ev%solves, rest='')
-      call method%account(text)
+      call method%report_work(text)
       if (run%monitor%smallest < huge(1.0_wp)) then
         call text%figure('  smallest current bound of the step: ', 'smallest_bound', run%monitor%smallest, 4)
         call text%figure(' s at t = ', 'smallest_bound_at', run%monitor%at, 4)

@@ -11,7 +11,7 @@
 module adaptive_pair
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use event_location, only: begin_roots, find_event, keep_roots, look_again, next_fall, pass_event
+  use event_location, only: begin_roots, find_event, keep_roots, restart_roots, next_fall, pass_event
   use ode_system, only: ode, is_bounded
   use runge_kutta, only: explicit_stepper
   use step_control, only: step_controller
@@ -22,10 +22,10 @@ module adaptive_pair
 
   real(wp), parameter :: run_tolerances = 300.0_wp   !! sum of all estimates of values and rates in a run, in tolerances [-]
   real(wp), parameter :: slope_tolerances = 200.0_wp !! the same for derivatives, times omega T [-]
-  real(wp), parameter :: least_share = 1.0e-3_wp   !! of the tolerance: however long the run, no less is asked for [-]
-  real(wp), parameter :: least_error = 1.0e-30_wp  !! of the scales: below it there is nothing to follow [-]
+  real(wp), parameter :: least_share = 1.0e-3_wp   !! of the tolerance that a step must keep, however long the run is [-]
+  real(wp), parameter :: least_error = 1.0e-30_wp  !! of the scales: a smaller error has no direction to follow [-]
   real(wp), parameter :: quotient_step = 1.0e-7_wp   !! error whose difference quotient is taken, of the scales [-]
-  real(wp), parameter :: least_step = 1.0e-13_wp   !! of the run's length: a march that needs less would not end [-]
+  real(wp), parameter :: least_step = 1.0e-13_wp   !! of the run's length: with shorter steps a run would not end [-]
   real(wp), parameter :: last_digits = 16*epsilon(1.0_wp)   !! relative change of a state that is rounding [-]
   integer(ip), parameter :: noise_interval = 100     !! steps after which the rounding of derivatives is measured again
 
@@ -42,15 +42,15 @@ module adaptive_pair
     real(wp), allocatable :: dense(:, :)      !! (n, 5) coefficients of the last step [unit]
     real(wp) :: dense_start = 0.0_wp          !! where that step began [s]
     real(wp) :: dense_step = 0.0_wp           !! its size [s]
-    logical :: passes = .false.               !! the step that is tried reaches an output time
+    logical :: reaches_output = .false.       !! the step that is tried reaches an output time
   contains
     procedure :: begin
     procedure :: attempt
     procedure :: try_step
     procedure :: accept_step
     procedure :: restart
-    procedure :: row
-    procedure :: limiting
+    procedure :: output_state
+    procedure :: limiting_error
     procedure :: exchange
   end type adaptive_stepper
 
@@ -99,7 +99,7 @@ contains
   end subroutine change_last_digits
 
   !> The state at an output time within the last step.
-  subroutine row(self, system, to, y, ok)
+  subroutine output_state(self, system, to, y, ok)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! [s]
@@ -116,10 +116,10 @@ contains
       y = self%y
       call system%derivative(to, y, .false., self%error)
     end if
-  end subroutine row
+  end subroutine output_state
 
-  !> The state, and the error of an unknown's derivative, where vibrations show first; 0: of that with the largest one.
-  subroutine limiting(self, y, unknown, error)
+  !> The state, and the error of an unknown's derivative, which shows vibrations first; unknown = 0: that with the largest error.
+  subroutine limiting_error(self, y, unknown, error)
     class(adaptive_stepper), intent(in) :: self
     real(wp), intent(inout) :: y(:)           !! (n) [unit]
     integer, intent(inout) :: unknown
@@ -127,7 +127,7 @@ contains
     y = self%y
     if (unknown == 0) unknown = self%norm%worst(self%slope, .true.)
     if (unknown > 0) error = self%error(unknown)
-  end subroutine limiting
+  end subroutine limiting_error
 
   !> Tries a step of the size that the last error asks for, or passes an event.
   subroutine attempt(self, system, from, to)
@@ -143,7 +143,7 @@ contains
     if (.not. self%h > 0.0_wp) call choose_step(self, system, to - from)
     wanted = min(self%h, self%settings%max_step, system%resting_step)
     call step_end(self%t, wanted, self%settings%stops, self%next_stop, h, self%tried, at_stop)
-    self%passes = self%tried >= to
+    self%reaches_output = self%tried >= to
     err = -1.0_wp                             ! the step is lost
     call self%try_step(system, h, ok)
     if (ok) call measure_error(self, system, h, err)
@@ -173,7 +173,7 @@ contains
     self%h = self%control%accepted(h, err)
     if (mod(self%steps, noise_interval) == 0) call measure_noise(self, system)
     if (.not. at_stop) return
-    call look_again(self, system)
+    call restart_roots(self, system)
     self%h = max(self%h, wanted)
     call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
     if (self%settings%jumps(self%next_stop)) self%h = 0.0_wp
@@ -185,7 +185,7 @@ contains
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
-    if (self%passes) call keep_dense(self, h)
+    if (self%reaches_output) call keep_dense(self, h)
     self%y = self%trial
     self%stages%k(:, 1) = self%last
     call self%norm%watch(self%y)
@@ -224,8 +224,7 @@ contains
   end subroutine try_step
 
   !> Where a step is refused again, measures how much of its error is rounding: the change of the estimate when the start changes in
-  !> its last digits. Near positions where constraints become dependent rounding is amplified beyond any tolerance, and no
-  !> smaller step would help.
+  !> its last digits. Near singular positions rounding is amplified beyond any tolerance; a smaller step would not help.
   subroutine allow_for_rounding(self, system, h, err)
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system

@@ -21,7 +21,7 @@ module fixed_step
     procedure :: try_step
     procedure :: accept_step
     procedure :: restart
-    procedure :: row
+    procedure :: output_state
     procedure :: exchange
   end type fixed_stepper
 
@@ -63,7 +63,8 @@ contains
     if (.not. ok) self%cause = merge(trouble_manifold, trouble_size, is_bounded(self%trial))
   end subroutine try_step
 
-  !> The trial becomes the state; the derivative there, which a look for events may have found. Only at a stop has it two sides.
+  !> The trial becomes the state. Its derivative may have been found with the roots. At a stop, where loads may jump, the derivative
+  !> after the jump is taken.
   subroutine accept_step(self, system, h)
     class(fixed_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
@@ -86,7 +87,7 @@ contains
   end subroutine restart
 
   !> The state, or the end of a step over what is left to the output time.
-  subroutine row(self, system, to, y, ok)
+  subroutine output_state(self, system, to, y, ok)
     class(fixed_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! [s]
@@ -94,14 +95,14 @@ contains
     logical, intent(out) :: ok
     y = self%y
     ok = .true.
-    if (.not. self%row_due) return
+    if (.not. self%output_due) return
     self%tried = to
     call self%try_step(system, to - self%t, ok)
     if (.not. ok) self%trouble = self%cause
     if (.not. ok) return
     y = self%trial
     call system%derivative(to, y, .false., self%trial)
-  end subroutine row
+  end subroutine output_state
 
   !> Saves or restores the march.
   subroutine exchange(self, a)

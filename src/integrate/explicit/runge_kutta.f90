@@ -83,10 +83,10 @@ contains
     integer, intent(in) :: m, n, used
     real(wp), intent(in) :: a(used), h, y(m), k(n, *)   !! the same [-], [s], [unit], [unit/s]
     real(wp), intent(inout) :: x(m)                     !! [unit]
-    integer :: j, i, waiting
+    integer :: j, i, unpaired
     logical :: first
     first = .true.
-    waiting = 0
+    unpaired = 0
     do j = 1, used
       if (abs(a(j)) <= 0.0_wp) cycle
       if (first) then
@@ -94,18 +94,18 @@ contains
           x(i) = y(i) + (h*a(j))*k(i, j)
         end do
         first = .false.
-      else if (waiting == 0) then
-        waiting = j
+      else if (unpaired == 0) then
+        unpaired = j
       else
         do i = 1, m
-          x(i) = (x(i) + (h*a(waiting))*k(i, waiting)) + (h*a(j))*k(i, j)
+          x(i) = (x(i) + (h*a(unpaired))*k(i, unpaired)) + (h*a(j))*k(i, j)
         end do
-        waiting = 0
+        unpaired = 0
       end if
     end do
-    if (waiting == 0) return
+    if (unpaired == 0) return
     do i = 1, m
-      x(i) = x(i) + (h*a(waiting))*k(i, waiting)
+      x(i) = x(i) + (h*a(unpaired))*k(i, unpaired)
     end do
   end subroutine combine_block
 end module runge_kutta

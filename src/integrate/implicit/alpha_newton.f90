@@ -9,33 +9,33 @@ module alpha_newton
   public :: solve_trial, take_trial, prepare_step, find_offsets, find_offset
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
-  real(wp), parameter :: slow = 0.1_wp             !! contraction from which the exact matrix pays [-]
+  real(wp), parameter :: slow = 0.1_wp             !! contraction above which the exact matrix pays [-]
   integer, parameter :: exact_steps = 50           !! steps before the constant one is tried again
   real(wp), parameter :: relative_goal = 1.0e-5_wp !! Newton's error, of the first correction [-]
-  real(wp), parameter :: loose = 1.0e-9_wp         !! the same, of the groups' sizes [-]
-  real(wp), parameter :: rounding = 1.0e-16_wp     !! below this corrections are noise, of the groups' sizes [-]
-  real(wp), parameter :: noise = 1.0e-13_wp        !! corrections below that do not shrink are rounding, of the scene's size [-]
-  real(wp), parameter :: small = 1.0e-3_wp         !! Newton's error, of what the accelerations' change of change moves [-]
-  real(wp), parameter :: unseen = 4*epsilon(1.0_wp)   !! corrections below the last digit of positions, of the scene's size [-]
-  real(wp), parameter :: weak = 1.0e-5_wp          !! pivot of rows below which contractions are measured, offsets found anew [-]
+  real(wp), parameter :: largest_goal = 1.0e-9_wp  !! the same, of the groups' sizes [-]
+  real(wp), parameter :: least_goal = 1.0e-16_wp   !! smaller corrections are rounding, of the groups' sizes [-]
+  real(wp), parameter :: noise = 1.0e-13_wp        !! smaller corrections that do not shrink are rounding, of the scene's size [-]
+  real(wp), parameter :: error_share = 1.0e-3_wp   !! Newton's error, of the step's own error of positions [-]
+  real(wp), parameter :: last_digits = 4*epsilon(1.0_wp)   !! smaller corrections do not change positions, of the scene's size [-]
+  real(wp), parameter :: weak_pivot = 1.0e-5_wp    !! of rows: below it each contraction is measured, offsets are found anew [-]
   real(wp), parameter, public :: near_length = 0.02_wp   !! matrices of lengths so near serve again while an event is located [-]
-  integer, parameter :: trust = 10                 !! steps for which a contraction that was measured is believed
+  integer, parameter :: most_age = 10              !! steps for which a measured contraction is used
 
 contains
 
   !> Tries a step to time t1; ok is false where Newton's method fails.
-  subroutine solve_trial(self, system, t1, again, ok)
+  subroutine solve_trial(self, system, t1, same_start, ok)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t1                !! [s]
-    logical, intent(in) :: again              !! the trial before was a step of another length from the same state
+    logical, intent(in) :: same_start   !! the trial before was a step of another length from the same state
     logical, intent(out) :: ok
     real(wp) :: share                         ! of the change in that trial, of which the first guess is made [-]
     logical :: slowly, exact
     share = 0.0_wp
-    if (again) share = self%now%h/self%h_tried
+    if (same_start) share = self%now%h/self%h_tried
     self%h_tried = self%now%h
-    if (self%stale) call prepare_step(self, system, 0.0_wp, ok)
+    if (self%needs_factors) call prepare_step(self, system, 0.0_wp, ok)
     exact = self%newton%exact_left > 0
     call newton(self, system, t1, share, exact, .false., ok, slowly)
     if ((slowly .or. .not. ok) .and. .not. exact) then
@@ -68,9 +68,9 @@ contains
   end subroutine end_linear
 
   !> Puts rates and accelerations of the trial step onto phi' = 0 and phi'' = 0, so that nothing is left of what the method's
-  !> sequences carry in the directions that constraints hold (theory.md, section 7). Accelerations are off by c1 h times the error
-  !> of the offset from which the step began: the next step's offset is without it, in the directions that constraints hold now.
-  !> Rows that nearly depend on others are held back and stay open: then the offset is found anew (take_trial).
+  !> sequences carry in the constrained directions (theory.md, section 7). Accelerations are off by c1 h times the error of the
+  !> offset from which the step began; the next step's offset is without that error, in the directions that are constrained now.
+  !> Rows that nearly depend on others are regularised and stay open: then the offset is found anew (take_trial).
   subroutine close_rates(self, system, t1, ok)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -82,17 +82,18 @@ contains
     associate (nq => self%nq, v1 => self%v1, vd1 => self%vd1, h => self%now%h, gap => self%gaps)
       call system%gaps(t1, self%x1(1:nq), v1(1:nq), vd1(1:nq), self%offset, gap)
       gap(:, 3) = gap(:, 2)/(self%now%c1*h) - gap(:, 3)
-      call along_rows(self, system, self%x1, gap(:, 1:), [h, h**2, h], moves_little)
+      call close_rows(self, system, self%x1, gap(:, 1:), [h, h**2, h], moves_little)
       ok = all(moves_little(1:2))
       if (.not. ok) return
-      v1(1:nq) = v1(1:nq) + self%along(:, 1)
-      vd1(1:nq) = vd1(1:nq) + self%along(:, 2)
-      self%lambda1 = self%lambda1 + self%mu(:, 2)/self%now%c1
-      self%offset1 = merge(self%along(:, 3), 0.0_wp, moves_little(3))
+      v1(1:nq) = v1(1:nq) + self%closing(:, 1)
+      vd1(1:nq) = vd1(1:nq) + self%closing(:, 2)
+      self%lambda1 = self%lambda1 + self%closing_lambda(:, 2)/self%now%c1
+      self%offset1 = merge(self%closing(:, 3), 0.0_wp, moves_little(3))
     end associate
   end subroutine close_rates
-  !> What index-3 solutions have their rates off by where a step begins: method%offset h2 v'' along the constraints. The rows'
-  !> kinematics a step later give v''; what phi'' = 0 is open by is no part of it.
+
+  !> By how much the rates of index-3 solutions are off where a step begins: method%offset h2 v'' along the constraints. The rows'
+  !> kinematics a step later give v'', without what phi'' = 0 is open by.
   subroutine find_offset(self, system, t)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -106,28 +107,28 @@ contains
       gap(:, 3) = -gap(:, 2)
       call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), a, a, gap(:, 0:2))
       gap(:, 3) = self%method%offset*h*(gap(:, 2) + gap(:, 3))
-      call along_rows(self, system, self%x, gap(:, 3:3), [h], moves_little)
-      self%offset = merge(self%along(:, 1), 0.0_wp, moves_little(1))
+      call close_rows(self, system, self%x, gap(:, 3:3), [h], moves_little)
+      self%offset = merge(self%closing(:, 1), 0.0_wp, moves_little(1))
     end associate
   end subroutine find_offset
 
-  !> The motions that close the rows' gaps by the matrix that stands, so that stiff motion moves in balance with them, and their
-  !> multipliers: one for each column of gaps. One that moves more than the scene's size closes rows that hold nothing.
-  subroutine along_rows(self, system, x, gap, unit, moves_little)
+  !> The motions that close the rows' gaps, and their multipliers: one for each column of gaps. They come of the present matrix, so
+  !> that stiff coordinates follow in balance. One that moves more than the scene's size closes rows that fix nothing there.
+  subroutine close_rows(self, system, x, gap, to_positions, moves_little)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in), contiguous :: x(:)       !! (nq + nz) [m, rad]
     real(wp), intent(in), contiguous :: gap(:, :)  !! (rows, columns) [m] or a derivative
-    real(wp), intent(in) :: unit(:)           !! (columns) makes positions of them [1, s, s2]
+    real(wp), intent(in) :: to_positions(:)   !! (columns) makes positions of them [1, s, s2]
     logical, intent(out) :: moves_little(:)   !! (columns)
     integer :: k
     associate (n => size(gap, 2))
-      call system%along_rows(x(1:self%nq), gap, self%along(:, 1:n), self%mu(:, 1:n))
+      call system%gap_correction(x(1:self%nq), gap, self%closing(:, 1:n), self%closing_lambda(:, 1:n))
       do k = 1, n
-        moves_little(k) = count(.not. unit(k)*abs(self%along(:, k))*self%measure%whole <= system%reach) == 0
+        moves_little(k) = count(.not. to_positions(k)*abs(self%closing(:, k))*self%measure%by_scene <= system%rounding_scale) == 0
       end do
     end associate
-  end subroutine along_rows
+  end subroutine close_rows
 
   !> Makes what depends on the present step's size alone; so it is made again after a restart.
   subroutine prepare_step(self, system, near, ok)
@@ -135,7 +136,7 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: near              !! factors of constants so near serve again, of c1 [-]
     logical, intent(out) :: ok
-    self%stale = .false.
+    self%needs_factors = .false.
     call system%prepare([cmplx(self%now%c1, 0.0_wp, wp)], [cmplx(self%now%c2, 0.0_wp, wp)], near, ok)
     associate (inertia => system%inertia*self%now%c1)
       self%gain = 1/(1 + system%viscosity*self%now%c2 + inertia)
@@ -195,16 +196,16 @@ contains
     logical, intent(in) :: regularise         !! whether rows that nearly depend on others are regularised
     logical, intent(out) :: ok                !! converged
     logical, intent(out) :: slowly            !! the contraction was poor
-    real(wp) :: norm, before, rate, goal, whole, before_whole, reach, blur
+    real(wp) :: norm, before, rate, goal, scene_norm, before_scene, scale, rounding
     integer :: k
     logical :: good
     ok = .false.
     slowly = .false.
     before = huge(1.0_wp)
-    before_whole = huge(1.0_wp)
+    before_scene = huge(1.0_wp)
     goal = 0.0_wp
     rate = 0.0_wp
-    reach = 1.0_wp
+    scale = 1.0_wp
     call predict(self, share)
     associate (nq => self%nq, x1 => self%x1, v1 => self%v1, vd1 => self%vd1)
       call find_offsets(self, system, x1(nq + 1:), v1(nq + 1:), vd1(nq + 1:))
@@ -215,33 +216,33 @@ contains
           if (exact) self%newton%factors(2) = self%newton%factors(2) + system%blocks
           if (.not. good) return
         end if
-        if (k == 1) reach = system%reach
-        blur = noise*reach
+        if (k == 1) scale = system%rounding_scale
+        rounding = noise*scale
         call system%correction(self%r, self%gaps(:, 0), self%dx(1:nq), self%dlambda)
         self%newton%iterations = self%newton%iterations + 1
-        call measure_correction(self, norm, whole)
+        call measure_correction(self, norm, scene_norm)
         call add_correction(self, 1, nq)
         self%lambda1 = self%lambda1 + self%dlambda
-        if (.not. whole <= 1.0e3_wp*reach) return                 ! also where it is not a number
+        if (.not. scene_norm <= 1.0e3_wp*scale) return                 ! also where it is not a number
         if (k == 1) then
-          goal = max(rounding, min(loose, relative_goal*norm))
-          ok = foreseen(self, norm, whole, exact, system)
+          goal = max(least_goal, min(largest_goal, relative_goal*norm))
+          ok = one_is_enough(self, norm, scene_norm, exact, system)
         else
           rate = norm/before
-          slowly = slowly .or. (rate > slow .and. whole > blur)
+          slowly = slowly .or. (rate > slow .and. scene_norm > rounding)
           if (k == 2) then                      ! the contraction from the first to the second correction
-            self%newton%contraction = max(rate, whole/before_whole)
+            self%newton%contraction = max(rate, scene_norm/before_scene)
             self%newton%first = before
             self%newton%exact = exact
             self%newton%steps = 0
           end if
         end if
-        ok = ok .or. norm <= rounding
-        if (k > 1 .and. .not. ok) ok = converged(k, rate, norm, goal, whole, blur, max(system%weakest, system%shift))
+        ok = ok .or. norm <= least_goal
+        if (k > 1 .and. .not. ok) ok = converged(k, rate, norm, goal, scene_norm, rounding, max(system%least_pivot, system%shift))
         if (ok) exit
-        if (k > 2 .and. rate > 2.0_wp .and. norm > loose) return
+        if (k > 2 .and. rate > 2.0_wp .and. norm > largest_goal) return
         before = norm
-        before_whole = whole
+        before_scene = scene_norm
       end do
     end associate
     if (.not. ok) slowly = .true.
@@ -249,63 +250,63 @@ contains
   end subroutine newton
 
   !> Whether a second or later correction leaves an error below the goal, or is rounding of the residual.
-  pure logical function converged(k, rate, norm, goal, whole, blur, pivot) result(yes)
+  pure logical function converged(k, rate, norm, goal, scene_norm, rounding, pivot) result(yes)
     integer, intent(in) :: k                  !! number of the correction
     real(wp), intent(in) :: rate              !! its size over that of the one before [-]
     real(wp), intent(in) :: norm, goal        !! its size, of the groups' sizes, and that of an error that does no harm [-]
-    real(wp), intent(in) :: whole, blur       !! its size, of the scene's size, and that of rounding [-]
-    real(wp), intent(in) :: pivot             !! of the weakest row, or what holds it [-]
+    real(wp), intent(in) :: scene_norm, rounding   !! its size, of the scene's size, and that of rounding [-]
+    real(wp), intent(in) :: pivot             !! least one of the rows, or the shift that regularises them [-]
     yes = rate < 1.0_wp .and. norm*rate <= goal*(1 - rate)
-    yes = yes .or. (rate > 0.2_wp .and. whole <= blur)
-    if (k > 3) yes = yes .or. (abs(rate - 1) < 0.5_wp .and. whole <= blur/sqrt(pivot))
+    yes = yes .or. (rate > 0.2_wp .and. scene_norm <= rounding)
+    if (k > 3) yes = yes .or. (abs(rate - 1) < 0.5_wp .and. scene_norm <= rounding/sqrt(pivot))
   end function converged
 
   !> Whether the first correction leaves an error that needs no second one: the contraction measured within the last steps says
-  !> that what is left is a small part of the step's own error in the rates, or below the rounding of positions (Brown,
-  !> Hindmarsh & Petzold 1994, on the convergence test of DASPK). The step's own error is that of its rates (Geradin & Cardona,
-  !> Flexible Multibody Dynamics): what the change of the accelerations' change moves.
-  logical function foreseen(self, norm, whole, exact, system) result(yes)
+  !> that what is left is a small part of the step's own error, or below the rounding of positions (Brown, Hindmarsh & Petzold
+  !> 1994, on the convergence test of DASPK). The step's own error is what the second difference of the accelerations moves
+  !> (Geradin & Cardona, Flexible Multibody Dynamics).
+  logical function one_is_enough(self, norm, scene_norm, exact, system) result(yes)
     type(alpha_solver), intent(inout) :: self
     real(wp), intent(in) :: norm              !! first correction, of the groups' sizes [-]
-    real(wp), intent(in) :: whole             !! the same, of the scene's size [-]
+    real(wp), intent(in) :: scene_norm   !! the same, of the scene's size [-]
     logical, intent(in) :: exact
     class(second_order_ode), intent(in) :: system
-    real(wp) :: rate, d, ratio, change, change_whole
+    real(wp) :: rate, d, ratio, change, scene_change
     integer :: i
     yes = .false.
     associate (n => self%newton, s => self%measure)
       n%steps = n%steps + 1
-      if (n%steps > trust .or. n%exact .neqv. exact) return
-      if (system%weakest < weak .or. .not. (n%h > 0.0_wp .and. n%first > 0.0_wp)) return
+      if (n%steps > most_age .or. n%exact .neqv. exact) return
+      if (system%least_pivot < weak_pivot .or. .not. (n%h > 0.0_wp .and. n%first > 0.0_wp)) return
       rate = n%contraction*max(1.0_wp, norm/n%first)
-      yes = rate*whole <= unseen*system%reach
-      if (yes .or. system%fine .or. rate > 0.1_wp*small) return
+      yes = rate*scene_norm <= last_digits*system%rounding_scale
+      if (yes .or. system%sensitive .or. rate > 0.1_wp*error_share) return
       ratio = self%now%h/n%h
       change = 0.0_wp
-      change_whole = 0.0_wp
+      scene_change = 0.0_wp
       do i = 1, self%nq
         d = abs(self%vd1(i) - self%vd(i) - ratio*n%change(i))/self%now%c1
-        change = max(change, d*s%unit(i))
-        change_whole = max(change_whole, d*s%whole(i))
+        change = max(change, d*s%by_group(i))
+        scene_change = max(scene_change, d*s%by_scene(i))
       end do
     end associate
-    yes = rate*norm <= small*change .and. rate*whole <= small*change_whole
-  end function foreseen
+    yes = rate*norm <= error_share*change .and. rate*scene_norm <= error_share*scene_change
+  end function one_is_enough
 
   !> The largest component of the correction relative to its group, and relative to the scene's size or one radian.
-  pure subroutine measure_correction(self, norm, whole)
+  pure subroutine measure_correction(self, norm, scene_norm)
     type(alpha_solver), intent(in) :: self
-    real(wp), intent(out) :: norm, whole      !! [-]
+    real(wp), intent(out) :: norm, scene_norm      !! [-]
     real(wp) :: d
     integer :: i
     logical :: finite
     norm = 0.0_wp
-    whole = 0.0_wp
+    scene_norm = 0.0_wp
     finite = .true.
     do i = 1, self%nq
       d = abs(self%dx(i))
-      norm = max(norm, d*self%measure%unit(i))
-      whole = max(whole, d*self%measure%whole(i))
+      norm = max(norm, d*self%measure%by_group(i))
+      scene_norm = max(scene_norm, d*self%measure%by_scene(i))
       finite = finite .and. d < huge(1.0_wp)
     end do
     if (.not. finite) norm = huge(1.0_wp)
@@ -347,7 +348,7 @@ contains
     end associate
     if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
     call self%measure%widen(self%x)
-    if (system%weakest < weak) call find_offset(self, system, t1)
+    if (system%least_pivot < weak_pivot) call find_offset(self, system, t1)
   end subroutine take_trial
 
   !> The energy that the method itself takes out in a step [J]. With M the mass matrix and bars for means of both ends,

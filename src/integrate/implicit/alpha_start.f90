@@ -11,8 +11,8 @@ module alpha_start
 
 contains
 
-  !> Starts (or starts again, after a jump of loads) at a consistent state y at time t: accelerations and multipliers from
-  !> the equations, and what index-3 solutions differ from them by (Arnold, Bruels & Cardona 2015).
+  !> Starts (or starts again, after a jump of loads) at a consistent state y at time t: with accelerations and multipliers of the
+  !> equations, and the difference of an index-3 solution from them (Arnold, Bruels & Cardona 2015).
   subroutine start_method(self, system, t, h, y)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -51,7 +51,7 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in) :: near              !! as prepare_step has it [-]
     logical :: ok
-    if (abs(h - self%now%h) <= 0.0_wp .and. .not. self%stale) return
+    if (abs(h - self%now%h) <= 0.0_wp .and. .not. self%needs_factors) return
     if (abs(h - self%now%h) > 0.0_wp) then
       self%newton%contraction = 1.0_wp
       self%newton%factors(1) = self%newton%factors(1) + system%blocks
@@ -61,8 +61,8 @@ contains
     if (.not. ok) self%newton%exact_left = huge(0)   ! only rounding leaves no factor; the exact matrix decides then
   end subroutine set_step
 
-  !> Goes on with another step size. Steps that fail leave nothing behind: the state does not depend on the step, what a is ahead
-  !> of v' by is scaled with it (Bruels & Arnold 2008), the offset of rates with its square.
+  !> Goes on with another step size. Steps that fail change nothing: the state does not depend on the step. The difference of a
+  !> and v' is scaled with the step (Bruels & Arnold 2008), the offset of rates with its square.
   subroutine change_step(self, system, h, near)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system

@@ -10,7 +10,7 @@ module alpha_state
   private
   public :: set_up_alpha, same_step, pack, exchange_alpha
 
-  !> What the last steps told of Newton's method, and its counts.
+  !> What the last steps have shown of Newton's method, and its counts.
   type, public :: newton_memory
     real(wp) :: contraction = 1.0_wp         !! of corrections when it was measured last; 1: unknown [-]
     real(wp) :: first = 0.0_wp               !! first correction of that step, scaled [-]
@@ -18,7 +18,7 @@ module alpha_state
     integer :: steps = 0                     !! steps since then
     integer :: exact_left = 0                !! steps that still use the exact matrix
     integer(ip) :: iterations = 0            !! of all steps
-    integer(ip) :: factors(2) = 0            !! of constant and of whole elastic blocks
+    integer(ip) :: factors(2) = 0            !! factorisations of constant and of full elastic blocks
     real(wp) :: h = 0.0_wp                   !! size of the last step, 0: none [s]
     real(wp), allocatable :: change(:)       !! (nq) of the accelerations in it [m/s2, rad/s2]
   end type newton_memory
@@ -28,7 +28,7 @@ module alpha_state
     real(wp), allocatable :: sums(:)         !! (quadratures) dissipated, put in, and others [J]
     real(wp), allocatable :: powers(:)       !! the same [W]
     real(wp), allocatable :: next(:)         !! (quadratures) work: powers at the end of the trial step [W]
-    real(wp) :: removed = 0.0_wp             !! what the method itself took [J]
+    real(wp) :: removed = 0.0_wp             !! dissipated by the method itself [J]
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) work space of that [m, rad] and per second
   end type energy_sums
 
@@ -46,12 +46,12 @@ module alpha_state
     real(wp), allocatable :: dx(:), dlambda(:)         !! (nq + nz), (rows) corrections [m, rad], [N]
     real(wp), allocatable :: r(:)            !! (nq) residual of motion [N, N m]
     real(wp), allocatable :: gaps(:, :)      !! (rows, 0:3) rows, their derivatives, the offset's rates [m], [m/s], [m/s2], [m/s]
-    real(wp), allocatable :: along(:, :), mu(:, :)     !! (nq, 3), (rows, 3) what closes them [m, rad], [N] per s, s2
+    real(wp), allocatable :: closing(:, :), closing_lambda(:, :)     !! (nq, 3), (rows, 3) what closes them [m, rad], [N] per s, s2
     real(wp), allocatable :: gain(:)         !! (nz) dz/d(deformation) in this step: 1/(1 + viscosity c2 + inertia c1) [-]
     real(wp), allocatable :: resolved(:)     !! (nz) the part of their motion that the step resolves: 1 slow, 0 much faster [-]
     type(energy_sums) :: energy
     real(wp) :: h_tried = 0.0_wp             !! length of the trial step [s]
-    logical :: stale = .false.               !! restored: factors are to be made again
+    logical :: needs_factors = .false.   !! restored: factors are to be made again
     type(position_measure) :: measure
     type(newton_memory) :: newton
   end type alpha_solver
@@ -74,7 +74,7 @@ contains
               self%energy%next(system%quadratures), source=0.0_wp)
     allocate (self%lambda(system%rows), self%lambda1(system%rows), self%dlambda(system%rows), self%gaps(system%rows, 0:3), &
               self%gain(self%nz), self%resolved(self%nz), self%offset(self%nq), self%offset1(self%nq), &
-              self%along(self%nq, 3), self%mu(system%rows, 3), self%r(self%nq), source=0.0_wp)
+              self%closing(self%nq, 3), self%closing_lambda(system%rows, 3), self%r(self%nq), source=0.0_wp)
     allocate (self%newton%change(self%nq), source=0.0_wp)
     self%measure = system%measure
   end subroutine set_up_alpha
@@ -122,6 +122,6 @@ contains
     call a%exchange(self%newton%iterations)
     call a%exchange(self%newton%factors(1))
     call a%exchange(self%newton%factors(2))
-    if (.not. a%saving) self%stale = .true.
+    if (.not. a%saving) self%needs_factors = .true.
   end subroutine exchange_alpha
 end module alpha_state

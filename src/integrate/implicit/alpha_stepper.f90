@@ -17,13 +17,13 @@ module alpha_stepper
   type, extends(implicit_stepper), public :: alpha_march
     real(wp) :: spectral_radius = 0.9_wp      !! [-]
     type(alpha_solver) :: solver
-    logical :: fresh = .false.                !! the method's variables started here, no step has been accepted since
+    logical :: just_started = .false.                !! the method's variables started here, no step has been accepted since
   contains
     procedure :: set_up
     procedure :: solve_step
     procedure :: take_step
     procedure :: pack_state
-    procedure :: account
+    procedure :: report_work
     procedure :: implicit_work
     procedure :: exchange
   end type alpha_march
@@ -47,15 +47,15 @@ contains
     logical :: same
     same = same_step(self%solver, h)
     if (self%roots%locating) same = abs(h - self%solver%now%h) <= 0.0_wp
-    if (.not. self%started .or. (self%fresh .and. .not. same)) then
+    if (.not. self%started .or. (self%just_started .and. .not. same)) then
       call start_method(self%solver, system, self%t, h, self%y)
       self%started = .true.
-      self%fresh = .true.
+      self%just_started = .true.
     else if (.not. same) then
       call change_step(self%solver, system, h, merge(near_length, 0.0_wp, self%roots%locating))
     end if
     call solve_trial(self%solver, system, self%tried, self%roots%locating, ok)
-    self%solver%stale = self%roots%locating   ! another step of this length has its own factors
+    self%solver%needs_factors = self%roots%locating   ! another step of this length has its own factors
   end subroutine solve_step
 
   !> Accepts the trial step.
@@ -65,7 +65,7 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     call take_trial(self%solver, system, self%tried)
     self%removed = self%solver%energy%removed
-    self%fresh = .false.
+    self%just_started = .false.
     call self%end_step(system, h, self%solver%x(1:self%solver%nq))
   end subroutine take_step
 
@@ -89,21 +89,21 @@ contains
   end function implicit_work
 
   !> Newton iterations and factorisations.
-  subroutine account(self, text)
+  subroutine report_work(self, text)
     class(alpha_march), intent(in) :: self
     type(summary_record), intent(inout) :: text
     call text%figure('  Newton iterations: ', 'newton_iterations', self%solver%newton%iterations)
     call text%figure(', factorisations of elastic blocks: constant ', 'constant_factorisations', self%solver%newton%factors(1))
     call text%figure(', exact ', 'exact_factorisations', self%solver%newton%factors(2))
-    call self%account_failures(text)
-  end subroutine account
+    call self%report_failures(text)
+  end subroutine report_work
 
   !> Saves or restores the march.
   subroutine exchange(self, a)
     class(alpha_march), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call exchange_march(self, a)
-    call a%exchange(self%fresh)
+    call a%exchange(self%just_started)
     call exchange_alpha(self%solver, a)
   end subroutine exchange
 end module alpha_stepper

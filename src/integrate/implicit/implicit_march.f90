@@ -20,7 +20,7 @@ module implicit_march
 
   !> A march with its state.
   type, abstract, extends(stepper), public :: implicit_stepper
-    logical :: started = .false.              !! the method's own variables stand
+    logical :: started = .false.              !! the method's own variables are set
     integer(ip) :: failures = 0               !! steps that Newton's method could not solve
     integer :: hopeless = 0                   !! steps in a row from which the run would never end
   contains
@@ -29,11 +29,11 @@ module implicit_march
     procedure :: try_step
     procedure :: accept_step
     procedure :: restart
-    procedure :: row
+    procedure :: output_state
     procedure :: refuse => divide_step
     procedure :: pack_trial
     procedure :: end_step
-    procedure :: account_failures
+    procedure :: report_failures
     procedure :: interpolate => no_interpolation
     procedure(take_system), deferred :: set_up
     procedure(solve_step), deferred :: solve_step
@@ -162,8 +162,8 @@ contains
     call self%pack_state(.true., self%trial)
   end subroutine pack_trial
 
-  !> The end of an accepted step: the run is lost where the state is no longer one of a mechanism; where accelerations jump the
-  !> method starts anew from the projected state.
+  !> The end of an accepted step. The run is lost where the state has left its physical bounds. Where accelerations jump, the method
+  !> starts anew from the projected state.
   subroutine end_step(self, system, h, q)
     class(implicit_stepper), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -183,7 +183,7 @@ contains
     end do
   end subroutine end_step
 
-  !> The solution is lost at the step that was tried.
+  !> Ends the run: the solution is lost in the step that was tried.
   subroutine give_up(self, trouble)
     class(implicit_stepper), intent(inout) :: self
     integer, intent(in) :: trouble
@@ -192,7 +192,7 @@ contains
   end subroutine give_up
 
   !> The state at an output time, on the manifold and with its evaluation.
-  subroutine row(self, system, to, y, ok)
+  subroutine output_state(self, system, to, y, ok)
     class(implicit_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! [s]
@@ -200,13 +200,13 @@ contains
     logical, intent(out) :: ok
     ok = .true.
     self%tried = to
-    if (self%row_due) call self%try_step(system, to - self%t, ok)   ! what is left to the output time
-    call self%pack_state(self%row_due .and. ok, y)
+    if (self%output_due) call self%try_step(system, to - self%t, ok)  ! what is left to the output time
+    call self%pack_state(self%output_due .and. ok, y)
     if (self%t > to) call self%interpolate(to, y)
     ok = ok .and. is_bounded(y)
     if (ok) call system%evaluate_on_manifold(to, y, self%trial, ok)
     if (.not. ok) call self%keep_lost_state(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
-  end subroutine row
+  end subroutine output_state
 
   !> The state y at a time within the last step, from that at its end; fixed steps end at the times of rows.
   subroutine no_interpolation(self, time, y)
@@ -216,14 +216,14 @@ contains
   end subroutine no_interpolation
 
   !> Steps that had to be divided, and the end of the line about the method's work.
-  subroutine account_failures(self, text)
+  subroutine report_failures(self, text)
     class(implicit_stepper), intent(in) :: self
     type(summary_record), intent(inout) :: text
     call text%member('newton_failures', to_text(self%failures))
     if (self%failures > 0) call text%words%add('; failures of Newton''s method: '//to_text(self%failures)// &
       ', where the step was '//trim(merge('tried smaller', 'halved       ', self%settings%adaptive)))
     call text%line('')
-  end subroutine account_failures
+  end subroutine report_failures
 
   !> Saves or restores what every implicit method has.
   subroutine exchange_march(self, a)

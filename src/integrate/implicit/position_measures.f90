@@ -10,10 +10,10 @@ module position_measures
   type, public :: position_measure
     integer, allocatable :: group(:)         !! (nq)
     logical, allocatable :: grows(:)         !! (groups) its size grows with its values
-    real(wp), allocatable :: weight(:)       !! (nq) of a unit [m, rad]
+    real(wp), allocatable :: weight(:)       !! (nq) of a unit value [m, rad]
     real(wp), allocatable :: scale(:)        !! (groups) running maxima [m, rad]
-    real(wp), allocatable :: unit(:)         !! (nq) weight over scale [1/m, 1/rad]
-    real(wp), allocatable :: whole(:)        !! (nq) weight over the scene's size or one radian [1/m, 1/rad]
+    real(wp), allocatable :: by_group(:)         !! (nq) weight over scale [1/m, 1/rad]
+    real(wp), allocatable :: by_scene(:)        !! (nq) weight over the scene's size or one radian [1/m, 1/rad]
   contains
     procedure :: widen
     procedure :: exchange
@@ -27,7 +27,7 @@ contains
     real(wp), intent(in) :: q(:)             !! (nq) [m, rad]
     integer :: i, g
     logical :: wider
-    wider = self%unit(1) <= 0.0_wp
+    wider = self%by_group(1) <= 0.0_wp
     do i = 1, size(self%group)
       g = self%group(i)
       if (.not. self%grows(g)) cycle
@@ -38,7 +38,7 @@ contains
     end do
     if (.not. wider) return
     do i = 1, size(self%group)
-      self%unit(i) = self%weight(i)/self%scale(self%group(i))
+      self%by_group(i) = self%weight(i)/self%scale(self%group(i))
     end do
   end subroutine widen
 
@@ -46,6 +46,6 @@ contains
   subroutine exchange(self, a)
     class(position_measure), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%scale, self%unit)
+    call a%exchange(self%scale, self%by_group)
   end subroutine exchange
 end module position_measures

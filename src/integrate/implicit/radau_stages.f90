@@ -15,14 +15,14 @@ module radau_stages
   public :: set_up_stages, start_stages, solve_stages, exchange_stages
 
   integer, parameter :: most_iterations = 10       !! Newton iterations of a step
-  real(wp), parameter :: slow = 0.3_wp             !! contraction from which matrices are made anew [-]
-  real(wp), parameter :: poor = 0.1_wp             !! contraction from which full elastic blocks pay [-]
+  real(wp), parameter :: slow = 0.3_wp             !! contraction above which matrices are renewed [-]
+  real(wp), parameter :: full_block_contraction = 0.1_wp   !! contraction above which full elastic blocks pay [-]
   integer, parameter :: full_block_steps = 50       !! steps with full blocks before constant ones are tried again
   real(wp), parameter :: noise = 1.0e-11_wp        !! corrections below that do not shrink are rounding, of the scales [-]
   real(wp), parameter :: fixed_goal = 1.0e-9_wp      !! fixed steps: last correction of Newton's method, of the scales [-]
   real(wp), parameter :: fixed_reduction = 1.0e-7_wp   !! fixed steps: the same, of the first correction [-]
   real(wp), parameter :: near_length = 0.02_wp     !! matrices of lengths so near serve again while an event is located [-]
-  real(wp), parameter :: far = 1.0e3_wp            !! longest step to which the last one's polynomial leads, over that one [-]
+  real(wp), parameter :: longest_extrapolation = 1.0e3_wp   !! of the last step's polynomial, in lengths of that step [-]
 
   !> Internal variables.
   type, public :: inner_values
@@ -116,16 +116,16 @@ contains
     self%eta = 1.0_wp
   end subroutine start_stages
 
-  !> First guess of the stages: the polynomial of the last trial, where that was a step of another length from the same state; else
-  !> that of the last step goes on, unless it was a small piece of a step.
-  subroutine predict_stages(self, system, t, h, again)
+  !> First guess of the stages: the polynomial of the last trial, where that was a step of another length from the same state. Else
+  !> the polynomial of the last step is extrapolated, unless that step was a small piece.
+  subroutine predict_stages(self, system, t, h, same_start)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t, h             !! [s]
-    logical, intent(in) :: again             !! it was
+    logical, intent(in) :: same_start   !! the last trial was such a step
     real(wp) :: w(4), w3(3), share(3, 3), lambda(3, 3)
     integer :: i
-    if (again) then
+    if (same_start) then
       do i = 1, 3
         w = lagrange_weights([0.0_wp, self%method%c], self%method%c(i)*h/self%h)
         share(:, i) = w(2:)
@@ -144,9 +144,9 @@ contains
     do i = self%nzd + 1, self%nz - system%linear
       self%inner%zd0(i) = (self%inner%delta0(i) - self%inner%z0(i))/self%inner%viscosity(i)
     end do
-    if (again) return
+    if (same_start) return
     do i = 1, 3
-      if (h < far*self%last_h) then
+      if (h < longest_extrapolation*self%last_h) then
         w = lagrange_weights([0.0_wp, self%method%c], 1 + self%method%c(i)*h/self%last_h)
         self%u(:, i) = matmul(self%last_v, w) - self%v0
         w3 = lagrange_weights(self%method%c, 1 + self%method%c(i)*h/self%last_h)
@@ -179,7 +179,7 @@ contains
     call internal_stages(self, system)
   end subroutine stage_states
 
-  !> What the equations of the internal variables, which are linear and part by the eigenvectors, make of deformations.
+  !> Gains of the internal variables: their equations are linear and decouple in the eigenvectors.
   subroutine solve_internal(self)
     type(radau_stage_values), intent(inout) :: self
     complex(wp) :: g(2), c2(2), x
@@ -260,37 +260,37 @@ contains
 
   !> The stages of a step from t; ok is false where Newton's method fails, also in a second trial, with dependent
   !> rows of the constraints regularised as near a singular position.
-  subroutine solve_stages(self, system, norm, t, h, tolerance, again, ok)
+  subroutine solve_stages(self, system, norm, t, h, tolerance, same_start, ok)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: t, h             !! [s]
     real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
-    logical, intent(in) :: again             !! the last trial was a step of another length from the same state
+    logical, intent(in) :: same_start   !! the last trial was a step of another length from the same state
     logical, intent(out) :: ok
-    logical :: fresh
-    fresh = .not. (again .and. abs(h - self%h) <= near_length*h)
-    call predict_stages(self, system, t, h, again)
-    call newton(self, system, norm, tolerance, .false., fresh, ok)
+    logical :: renew_first
+    renew_first = .not. (same_start .and. abs(h - self%h) <= near_length*h)
+    call predict_stages(self, system, t, h, same_start)
+    call newton(self, system, norm, tolerance, .false., renew_first, ok)
     if (ok .or. self%rows == 0) return
     call predict_stages(self, system, t, h, .false.)
     call newton(self, system, norm, tolerance, .true., .true., ok)
   end subroutine solve_stages
 
   !> Newton iterations from the prediction.
-  subroutine newton(self, system, norm, tolerance, regularise, fresh, ok)
+  subroutine newton(self, system, norm, tolerance, regularise, renew_first, ok)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: tolerance        !! 0: fixed steps [-]
     logical, intent(in) :: regularise
-    logical, intent(in) :: fresh             !! matrices are made anew
+    logical, intent(in) :: renew_first   !! the first iteration renews the matrices
     logical, intent(out) :: ok
     real(wp) :: d, before, theta, eta, goal
     integer :: k
-    logical :: again, slowly
+    logical :: renewed, slowly
     ok = .false.
-    again = .false.
+    renewed = .false.
     slowly = .false.
     before = huge(1.0_wp)
     theta = 0.0_wp
@@ -299,9 +299,9 @@ contains
     if (tolerance > 0.0_wp) goal = tolerance*max(10*epsilon(1.0_wp)/tolerance, min(0.03_wp, sqrt(tolerance)))
     do k = 1, most_iterations
       call stage_residuals(self, system)
-      if ((k == 1 .and. fresh) .or. (theta > slow .and. .not. again)) then
-        again = k > 1
-        if (again) self%full_block_left = full_block_steps
+      if ((k == 1 .and. renew_first) .or. (theta > slow .and. .not. renewed)) then
+        renewed = k > 1
+        if (renewed) self%full_block_left = full_block_steps
         call renew(self, system, regularise, ok)
         if (.not. ok) return
         ok = .false.
@@ -315,9 +315,9 @@ contains
         theta = d/max(before, tiny(1.0_wp))
         eta = 1/epsilon(1.0_wp)
         if (theta < 1.0_wp) eta = theta/(1 - theta)
-        slowly = slowly .or. (theta > poor .and. d > noise)
+        slowly = slowly .or. (theta > full_block_contraction .and. d > noise)
         ok = theta > slow .and. d <= noise
-        if (theta >= 1.0_wp .and. again .and. .not. ok) exit
+        if (theta >= 1.0_wp .and. renewed .and. .not. ok) exit
       end if
       ok = ok .or. eta*d <= goal .or. d <= epsilon(1.0_wp)
       if (ok) exit
@@ -360,7 +360,7 @@ contains
                               ok, self%work%r_real, self%work%r_part)
   end subroutine renew
 
-  !> One correction of the stages by the factors that stand.
+  !> One correction of the stages by the present factors.
   subroutine correct(self, system)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system

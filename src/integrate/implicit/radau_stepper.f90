@@ -3,7 +3,7 @@
 module radau_stepper
   use kinds, only: wp
   use archive, only: value_archive
-  use event_location, only: find_event, keep_roots, look_again, next_fall, pass_event
+  use event_location, only: find_event, keep_roots, restart_roots, next_fall, pass_event
   use implicit_march, only: implicit_stepper, exchange_march, fixed_step, give_up, most_hopeless
   use ode_system, only: is_bounded, ode
   use radau_error, only: measure_error, removed_energy
@@ -16,8 +16,8 @@ module radau_stepper
   private
 
   integer, parameter :: error_order = 4            !! of the estimated error in the step
-  integer, parameter :: patience = 4               !! steps whose errors are seen before a step grows
-  real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! a step is hopeless, so many of which are left to the end of the run
+  integer, parameter :: steps_before_growth = 4    !! whose errors are seen before a step grows
+  real(wp), parameter :: hopeless_steps = 1.0e11_wp   !! a step is hopeless where the rest of the run would take so many [-]
   real(wp), parameter :: failure_error = 8.0_wp    !! taken as the error of a step whose Newton iteration failed [-]
   real(wp), parameter :: safety = 0.85_wp          !! on the step that the error model predicts [-]
   real(wp), parameter :: prompt_growth = 2.0_wp    !! a step that may grow by more grows at once [-]
@@ -47,8 +47,8 @@ module radau_stepper
     procedure :: take_step
     procedure :: pack_state
     procedure :: interpolate
-    procedure :: limiting
-    procedure :: account
+    procedure :: limiting_error
+    procedure :: report_work
     procedure :: implicit_work
     procedure :: exchange
   end type radau_march
@@ -127,7 +127,7 @@ contains
     end if
     if (h > 0.0_wp) call self%accept_step(system, h)
     if (at_event) return
-    if (at_stop) call look_again(self, system)
+    if (at_stop) call restart_roots(self, system)
     next = next_step(self, h, error)
     self%h = merge(max(self%h, next), next, at_stop)
   end subroutine controlled_step
@@ -164,9 +164,9 @@ contains
       next = h
       if (error > 1.0_wp) then
         next = h*max(0.2_wp, min(0.8_wp, factor))
-      else if (factor > prompt_growth .or. (m%steps >= patience .and. factor > least_growth)) then
+      else if (factor > prompt_growth .or. (m%steps >= steps_before_growth .and. factor > least_growth)) then
         next = h*min(factor, most_growth)
-      else if (m%steps < patience) then
+      else if (m%steps < steps_before_growth) then
         return
       end if
       m = step_memory()
@@ -297,8 +297,7 @@ contains
     end associate
   end subroutine take_step
 
-  !> Puts positions, then rates, then accelerations onto the constraints, by the real matrix: what it moves in is in balance with
-  !> stiff forces.
+  !> Puts positions, then rates, then accelerations onto the constraints, by the real matrix: stiff coordinates follow in balance.
   subroutine close_gaps(s, system, t)
     type(radau_stage_values), intent(inout) :: s
     class(second_order_ode), intent(inout) :: system
@@ -308,7 +307,7 @@ contains
     associate (gap => s%work%gap, dx => s%work%dq(:, 1:1), mu => s%work%mu)
       do k = 1, 3
         call system%gaps(t, s%q0, s%v0, s%a0, s%a0, gap)
-        call system%along_rows(s%q0, gap(:, k:k), dx, mu)
+        call system%gap_correction(s%q0, gap(:, k:k), dx, mu)
         if (k == 1) s%q0 = s%q0 + dx(:, 1)
         if (k == 2) s%v0 = s%v0 + dx(:, 1)
         if (k == 3) s%a0 = s%a0 + dx(:, 1)
@@ -317,8 +316,8 @@ contains
   end subroutine close_gaps
 
   !> Rates and positions within a step are those of the polynomial of degree 5 that has both ends' positions, rates and
-  !> accelerations, all else is that of degree 3 of the stages: also coordinates that stay below what the tolerance sees, whose
-  !> accelerations are noise where they are stiff.
+  !> accelerations. All else is that of degree 3 of the stages. So are coordinates that stay below the tolerance: where they are
+  !> stiff, their accelerations are noise.
   subroutine interpolate(self, time, y)
     class(radau_march), intent(in) :: self
     real(wp), intent(in) :: time              !! [s]
@@ -340,8 +339,8 @@ contains
     end associate
   end subroutine interpolate
 
-  !> The state, and the error of an unknown, 0: of that with the largest one.
-  subroutine limiting(self, y, unknown, error)
+  !> The state, and the error of an unknown; unknown = 0: that with the largest error.
+  subroutine limiting_error(self, y, unknown, error)
     class(radau_march), intent(in) :: self
     real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
     integer, intent(inout) :: unknown
@@ -349,7 +348,7 @@ contains
     y = self%y
     if (unknown == 0) unknown = self%norm%worst(self%stages%work%e, .false.)
     if (unknown > 0) error = self%stages%work%e(unknown)
-  end subroutine limiting
+  end subroutine limiting_error
 
   !> Processor time of a residual with its share of the matrices is 2.2 times that of an explicit evaluation, as the median of 24
   !> random scenes (1.4 to 3.2; `make bench`).
@@ -359,14 +358,14 @@ contains
   end function implicit_work
 
   !> The method's own work.
-  subroutine account(self, text)
+  subroutine report_work(self, text)
     class(radau_march), intent(in) :: self
     type(summary_record), intent(inout) :: text
     call text%figure('  Newton iterations: ', 'newton_iterations', self%stages%iterations)
     call text%figure(' of three stages; evaluations of the residual: ', 'residual_evaluations', self%stages%residuals)
     call text%figure('; matrices: ', 'matrices', self%stages%renewals)
-    call self%account_failures(text)
-  end subroutine account
+    call self%report_failures(text)
+  end subroutine report_work
 
   !> Saves or restores the march.
   subroutine exchange(self, a)

@@ -22,14 +22,14 @@ module second_order_system
     integer :: linear = 0                     !! linear states, the last of the internal variables
     integer :: rows = 0                       !! constraint rows
     integer :: quadratures = 2                !! integrals of powers at the end of the state: dissipated, put in, and others
-    logical :: fine = .false.                 !! small errors of positions are large in the forces: no Newton error is too small
+    logical :: sensitive = .false.            !! small errors of positions make large errors of forces: Newton iterates to rounding
     integer :: blocks = 0                     !! blocks that `prepare` factors, and `renew` where it is exact
     real(wp), allocatable :: viscosity(:)     !! (nz) of the internal variables' equations [s]
     real(wp), allocatable :: inertia(:)       !! (nz) 0: of first order [s2]
     type(position_measure) :: measure         !! how positions are measured, before the first step
-    real(wp) :: weakest = 1.0_wp              !! least pivot of the matrix's rows, 1 where none depends on others [-]
-    real(wp) :: shift = 0.0_wp                !! what is added to hold them [-]
-    real(wp) :: reach = 1.0_wp                !! distance from the origin in scene sizes, or angle: rounding follows both [-]
+    real(wp) :: least_pivot = 1.0_wp          !! of the constraint rows: 1 where none depends on others [-]
+    real(wp) :: shift = 0.0_wp                !! added to their diagonal to regularise dependent rows [-]
+    real(wp) :: rounding_scale = 1.0_wp       !! of positions: distance from the origin in scene sizes, or largest angle [-]
   contains
     procedure(make_ready), deferred :: start_implicit
     procedure(take_constants), deferred :: prepare
@@ -37,7 +37,7 @@ module second_order_system
     procedure(make_matrix), deferred :: renew
     procedure(solve_correction), deferred :: correction
     procedure(solve_complex), deferred :: complex_correction
-    procedure(close_gaps), deferred :: along_rows
+    procedure(solve_gaps), deferred :: gap_correction
     procedure(find_gaps), deferred :: gaps
     procedure(find_deformations), deferred :: deformations
     procedure(solve_states), deferred :: solve_linear
@@ -174,13 +174,13 @@ module second_order_system
       real(wp), intent(out), contiguous :: gap(:, 0:)        !! (rows, 0:2 or 0:3) [m], [m/s], [m/s2], [any]
     end subroutine find_gaps
     !> dq and dlambda with T dq + Phi_q^T dlambda = 0 and Phi_q dq = -gap, by the matrix in use, for each column of gaps.
-    subroutine close_gaps(self, q, gap, dq, dlambda)
+    subroutine solve_gaps(self, q, gap, dq, dlambda)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in), contiguous :: q(:)          !! (nq) positions at which the rows were looked at [m, rad]
       real(wp), intent(in), contiguous :: gap(:, :)        !! (rows, columns) [m] and its derivatives
       real(wp), intent(out), contiguous :: dq(:, :)        !! (nq, columns) [m, rad] and theirs
       real(wp), intent(out), contiguous :: dlambda(:, :)   !! (rows, columns) [N] and theirs
-    end subroutine close_gaps
+    end subroutine solve_gaps
   end interface
 end module second_order_system

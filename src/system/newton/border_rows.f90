@@ -15,11 +15,12 @@ module border_rows
   use border_row_lists, only: row_lists
   implicit none (type, external)
   private
-  public :: row_system, set_up_rows, factor_rows, hold_weak_rows, solve_rows, solve_gaps
+  public :: row_system, set_up_rows, factor_rows, regularise_weak_rows, solve_rows, solve_gaps
 
-  real(wp), parameter, public :: least_shift = 3.0e-14_wp  !! of constraint rows: uneven masses allow no more [-]
-  real(wp), parameter, public :: light_shift = 1.0e-11_wp, strong_shift = 1.0e-7_wp   !! where redundant; where held [-]
-  real(wp), parameter, public :: stage_shift = 1.0e-5_wp   !! where stages hold them, which see the rates of rows alone [-]
+  real(wp), parameter, public :: least_shift = 3.0e-14_wp  !! on the diagonal of constraint rows: uneven masses allow no more [-]
+  real(wp), parameter, public :: light_shift = 1.0e-11_wp   !! the same where rows are redundant everywhere [-]
+  real(wp), parameter, public :: strong_shift = 1.0e-7_wp  !! the same near a singular position [-]
+  real(wp), parameter, public :: stage_shift = 1.0e-5_wp   !! the same for several stages, which see the rates of rows alone [-]
   real(wp), parameter :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
 
   !> The equations between rows and their factor.
@@ -54,7 +55,7 @@ module border_rows
     real(number), allocatable :: closing(:, :)   !! (n, 3) the same for gaps alone [N]
     type(open_row), allocatable :: open(:)   !! rows that can be off
     real(number) :: unit = 1.0_wp            !! takes gaps of rows that are off, as the method hands them on, to newtons [-, 1/s]
-    real(wp) :: weakest = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
+    real(wp) :: least_pivot = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
 
@@ -126,7 +127,7 @@ contains
       end do
     end do
     call factor_lu(n, r%kd, r%system%lu, r%system%pivots, r%system%upper, r%bad)
-    r%weakest = minval(abs(r%system%lu(2*r%kd + 1, :)))
+    r%least_pivot = minval(abs(r%system%lu(2*r%kd + 1, :)))
   end subroutine factor_rows
 
   !> The equation of a row that is off. The rows that its multiplier follows are of the same joint: they stand within the band.
@@ -142,13 +143,13 @@ contains
     end do
   end subroutine leave_open
 
-  !> Factors again where the tangent's rows are nearly dependent, these rows held back: the directions in which they act would
-  !> only carry amplified rounding.
-  subroutine hold_weak_rows(r)
+  !> Factors again with a stronger shift where rows are nearly dependent: in the directions in which these act, a solution would
+  !> be amplified rounding.
+  subroutine regularise_weak_rows(r)
     type(row_system), intent(inout) :: r
-    if (r%bad .or. r%weakest > weak_pivot) return
+    if (r%bad .or. r%least_pivot > weak_pivot) return
     call factor_rows(r, strong_shift)
-  end subroutine hold_weak_rows
+  end subroutine regularise_weak_rows
 
   !> e <- e + x s, s the compliance of the row that stands o positions behind.
   pure subroutine add_row(kd, o, x, s, e)

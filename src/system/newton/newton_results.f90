@@ -12,7 +12,7 @@ module newton_results
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: term_deformations, relaxation_rates, find_powers, mass_product, scene_reach
+  public :: term_deformations, relaxation_rates, find_powers, mass_product, rounding_scale_of
 
 contains
 
@@ -216,14 +216,14 @@ contains
 
   !> The size of rounding errors, in units of eps times the scene's size: 1, or how far markers are from the origin in sizes of the
   !> scene, or the largest angle of a frame.
-  pure real(wp) function scene_reach(m, ev, q) result(reach)
+  pure real(wp) function rounding_scale_of(m, ev, q) result(scale)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)              !! (nq) [m, rad]
     integer :: b
-    reach = 1 + max(0.0_wp, maxval(abs(ev%p%r)))/m%s%size             ! without markers the largest is -huge
+    scale = 1 + max(0.0_wp, maxval(abs(ev%p%r)))/m%s%size             ! without markers the largest is -huge
     do b = 1, size(m%s%bodies)
-      reach = max(reach, abs(q(m%s%qo(b) + 3)))
+      scale = max(scale, abs(q(m%s%qo(b) + 3)))
     end do
-  end function scene_reach
+  end function rounding_scale_of
 end module newton_results

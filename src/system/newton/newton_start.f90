@@ -2,7 +2,7 @@
 !> starts with and corrects its rates by.
 module newton_start
   use kinds, only: wp
-  use border_rows, only: hold_weak_rows, light_shift, least_shift
+  use border_rows, only: regularise_weak_rows, light_shift, least_shift
   use dynamics, only: marker_kinematics, constraint_values, row_rates
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
@@ -52,7 +52,7 @@ contains
     end do
     call renew(self, m, ev, q, v, none, lambda, .false., merge(light_shift, least_shift, m%redundant), bad)
     if (bad) return
-    call hold_weak_rows(self%t%rows)
+    call regularise_weak_rows(self%t%rows)
     ev%schur%r = 0.0_wp
     call add_row_motion(m, ev, a, ev%schur%r)      ! rows of x as those of a
     call leave_open(ev, ev%schur%r)
