@@ -7,7 +7,7 @@ program terms
   use body_terms, only: body_residual, body_tangent
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list
-  use newton_equations, only: prepare, give_terms
+  use newton_equations, only: prepare, set_terms
   use newton_system, only: newton_matrix, set_up_newton
   use scene_run, only: run_state, prepare_run
   implicit none (type, external)
@@ -30,7 +30,7 @@ program terms
   call prepare(t, run%sys%m, c1, c2, 0.0_wp, bad)
   if (bad) error stop 3, quiet=.true.
   associate (nz => run%sys%m%s%nz)
-    call give_terms(t, run%sys%m, 1.0e-3_wp*random(nz))
+    call set_terms(t, run%sys%m, 1.0e-3_wp*random(nz))
   end associate
   do b = 1, size(t%eq)
     i = run%sys%m%s%qo(b)

@@ -12,7 +12,7 @@ module body_tangents
 contains
 
   !> The bodies' tangents a2 M + a1 C + a0 K at a state, frames of the last evaluation, with the wrenches on markers that turn with
-  !> the bodies; how wrenches change with displacements and rates of markers is left to who asks.
+  !> the bodies. How wrenches change with displacements and rates of markers is added by the caller.
   subroutine find_tangents(m, ev, wrench, action, a2, a1, a0, q, v, a, eq)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -82,7 +82,7 @@ contains
   end subroutine find_wrenches
 
   !> Residual wrenches on markers turn with the body: theta-theta, theta-f and f-theta terms. Forces that are fixed in the frame's
-  !> axes are constant there, so that their part of the columns goes again.
+  !> axes are constant there: their part of the columns is taken out again.
   subroutine turn_wrenches(m, ev, wrench, action, a0, eq)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -116,7 +116,7 @@ contains
       end associate
     end do
   contains
-    !> What of a marker's position makes the displacement that coordinates carry of a unit turn [m].
+    !> The arm of a marker by which a unit turn changes the coordinates [m].
     pure function turned(k) result(x)
       integer, intent(in) :: k
       real(wp) :: x(2)

@@ -10,12 +10,12 @@ module contact_mass
   private
   public :: mass_at, time_of_contact, drives_against
 
-  real(wp), parameter :: nothing = 1.0e-10_wp   !! what a unit force moves, over what it moves without joints [-]
+  real(wp), parameter :: no_motion = 1.0e-10_wp   !! acceleration by a unit force that is zero, over that without joints [-]
 
 contains
 
-  !> m of 1/m = J M^-1 J^T, J the gradient of the penetration, with the joints held, by the factors of the last evaluation; huge
-  !> where nothing can move. [kg] or [kg m2]
+  !> m of 1/m = J M^-1 J^T, J the gradient of the penetration, under the joints, by the factors of the last evaluation; huge where
+  !> nothing can move. [kg] or [kg m2]
   real(wp) function mass_at(m, ev, k) result(mass)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -34,7 +34,7 @@ contains
     call solve_mass(m, ev, .false., f, u)
     alone = dot_product(f, u)
     call solve_mass(m, ev, .true., f, u)
-    if (dot_product(f, u) > nothing*alone) mass = 1/dot_product(f, u)
+    if (dot_product(f, u) > no_motion*alone) mass = 1/dot_product(f, u)
   contains
     !> Adds a unit wrench of a marker, given in global axes.
     subroutine add(marker, w)
@@ -49,7 +49,7 @@ contains
     end subroutine add
   end function mass_at
 
-  !> Names of the drives that take the force of a stop up, in quotes, after `mass_at` found that it moves nothing; empty: none.
+  !> Names of the drives that react to the force of a stop, in quotes, after `mass_at` found that it moves nothing; empty: none.
   function drives_against(m, ev) result(names)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -58,7 +58,7 @@ contains
     names = ''
     do k = m%s%joints + 1, m%s%permanent
       associate (c => m%s%constraints(k)%item)
-        if (abs(ev%lambda_change(c%first)) > nothing*maxval(abs(ev%lambda_change))) names = names//' "'//trim(c%name)//'"'
+        if (abs(ev%lambda_change(c%first)) > no_motion*maxval(abs(ev%lambda_change))) names = names//' "'//trim(c%name)//'"'
       end associate
     end do
   end function drives_against

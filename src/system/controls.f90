@@ -1,5 +1,5 @@
-!> Controllers along a run: what they put out at a state of motion, what they watch, what their events change. Their states are the
-!> last of the internal variables.
+!> Controllers along a run: their outputs at a state of motion, their roots, what their events change. Their states are the last of
+!> the internal variables.
 module controls
   use kinds, only: wp
   use archive, only: value_archive
@@ -16,7 +16,7 @@ module controls
 
 contains
 
-  !> Outputs, and rates of the states, in the motion of the markers; a static analysis comes before they are switched on.
+  !> Outputs, and rates of the states, from the motion of the markers; in a static analysis controllers are still switched off.
   pure subroutine put_out(m, ev, options, t, z)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -56,7 +56,7 @@ contains
     end associate
   end subroutine one_output
 
-  !> States of a motion at which they are switched on.
+  !> States at the moment when they are switched on.
   subroutine rest_controls(m, ev, q, v, z)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -73,7 +73,7 @@ contains
     end do
   end subroutine rest_controls
 
-  !> From now on they keep their discrete states; the first sample is taken.
+  !> Starts the discrete states, which only events change from now on; takes the first sample.
   subroutine start_controls(m, ev, q, v, z)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -98,7 +98,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: t                 !! [s]
-    logical, intent(in) :: left_limit         !! a jump of a reference at t is not yet felt
+    logical, intent(in) :: left_limit         !! a jump of a reference at t does not act yet
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad, any]
     real(wp), intent(out) :: g(:), rate(:), zero(:)  !! (2 controllers) as `find_roots` says [any], [any/s], [any]
     integer :: k
@@ -142,7 +142,7 @@ contains
     end do
   end subroutine pass_control_events
 
-  !> What drives the states beside themselves.
+  !> Inputs of the states, f in x' = A x + f.
   subroutine control_inputs(m, ev, options, t, q, v, f)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -190,7 +190,7 @@ contains
     end do
   end subroutine solve_controls
 
-  !> States at a trial state of an implicit step: those that stages give, or those that follow from what the step has come from.
+  !> States at a trial state of an implicit step: those of the stage, or those that follow from the prediction.
   pure subroutine control_states(m, ev, c2, given, offset, z)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev

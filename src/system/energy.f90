@@ -10,7 +10,7 @@ module energy
 
 contains
 
-  !> Kinetic and potential energy at the state of an evaluation, and what of the latter the deformation of each body stores.
+  !> Kinetic and potential energy at the state of an evaluation, and the part of the latter in the deformation of each body.
   subroutine energies(self, ev, q, v, z, zd, kinetic, potential, strain)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev

@@ -1,5 +1,5 @@
-!> What an evaluation of the equations of motion finds, with its work space: one `evaluation` can be made again and again, at
-!> whatever states and options, of one constant mechanism.
+!> Results of an evaluation of the equations of motion, and its work space: one `evaluation` serves again and again, at any states
+!> and options, for one constant mechanism.
 module evaluation_results
   use kinds, only: wp, ip
   use body, only: elastic_work
@@ -36,7 +36,7 @@ module evaluation_results
     real(wp), allocatable :: w(:, :)            !! (3, sides) on the marker, body axes [-, -, m]
     real(wp), allocatable :: frame_wrench(:, :) !! (3, sides) the same on the condensed frame, J^T w [-, -, m]
     real(wp), allocatable :: g(:, :)            !! (3, sides) L^-1 J^T w [-, -, m]
-    real(wp), allocatable :: rigid_wrench(:, :) !! (3, sides) on the frame, elastic coordinates held [-, -, m]
+    real(wp), allocatable :: rigid_wrench(:, :) !! (3, sides) on the frame, elastic coordinates fixed [-, -, m]
   end type side_wrenches
 
   !> What forces do to a flexible body's attached markers.
@@ -46,7 +46,7 @@ module evaluation_results
     real(wp), allocatable :: load(:)            !! (nc) multiplier forces on the columns [N, N m]
   end type attachment_results
 
-  !> Discrete states, and what elements keep from their last events (`s%switching`).
+  !> Discrete states, and values of elements at their last events (`s%switching`).
   type, public :: switch_states
     integer, allocatable :: state(:)
     real(wp), allocatable :: memory(:)          !! [m/s] or [rad/s] of stops; [m] of rows that hold
@@ -77,7 +77,7 @@ module evaluation_results
   !> Results of the last evaluation, and work space.
   type :: evaluation
     real(wp) :: t = 0.0_wp                      !! its time [s]
-    type(evaluation_options) :: options         !! what it was made with
+    type(evaluation_options) :: options         !! its options
     type(marker_states) :: p                    !! states of the scene's markers
     type(constraint_rows) :: rows
     type(frame_results) :: frame
@@ -86,7 +86,7 @@ module evaluation_results
     type(attachment_results), allocatable :: attached(:)   !! (nb), likewise
     real(wp), allocatable :: work(:, :)         !! (2, largest nf) of solves with m_ff [any]
     type(multiplier_system) :: schur            !! S = Phi_q M^-1 Phi_q^T
-    type(multiplier_system) :: closing          !! Phi_r Mc^-1 Phi_r^T of the frames alone, elastic coordinates held
+    type(multiplier_system) :: closing          !! Phi_r Mc^-1 Phi_r^T of the frames alone, elastic coordinates fixed
     logical :: elastic_held = .false.           !! S is that of the frames alone: elastic coordinates do not move
     real(wp), allocatable :: displacement(:, :) !! (3, markers) work: by small motions of the coordinates, global axes [m, m, rad]
     real(wp), allocatable :: wrench(:, :)       !! (3, markers) of force elements, body axes [N, N, N m]
@@ -94,7 +94,7 @@ module evaluation_results
     type(control_results), allocatable :: control(:)   !! what each controller does
     type(slip_work) :: slip
     type(switch_states) :: switches             !! discrete states of the force elements that have such
-    real(wp) :: creep = 0.0_wp                  !! rows that stick give way by so much of their own compliance, to find states [-]
+    real(wp) :: creep = 0.0_wp                  !! added to the compliance of rows that stick, relative, while states are sought [-]
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
     real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins [m/s2, rad/s2]
     real(wp), allocatable :: zdd(:)             !! (nz) highest derivatives of internal variables [m/s2, rad/s2], [m/s, rad/s]
@@ -201,7 +201,7 @@ contains
     end associate
   end function motion_of_row
 
-  !> What its friction takes.
+  !> Power that its friction dissipates.
   pure real(wp) function slip_power(m, ev, k) result(power)   ! [W]
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev

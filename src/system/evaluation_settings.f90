@@ -13,15 +13,15 @@ module evaluation_settings
     real(wp) :: load_factor = 1.0_wp            !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp              !! fraction of the springs' prestress that acts [-]
     integer :: stage = stage_transient          !! the analysis: stage_static or stage_transient of `force_element`
-    logical :: left_limit = .false.             !! jumps of histories at the time of evaluation are not yet felt
-    real(wp) :: t_end = huge(1.0_wp)            !! end of the run, after which drives lead nowhere [s]
+    logical :: left_limit = .false.             !! jumps of histories at the time of evaluation do not act yet
+    real(wp) :: t_end = huge(1.0_wp)            !! end of the run: jumps of drives there do not act [s]
     real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]
     logical :: accept_weak_pivots = .false.     !! solves the joints' equations as they are, however nearly singular
   end type evaluation_options
 
 contains
 
-  !> What the deck has: its weight, all prestress, the loads of a transient.
+  !> As the deck has it: its gravity, all prestress, the loads of a transient.
   pure type(evaluation_options) function usual_options(s) result(options)
     type(scene), intent(in) :: s
     options%gravity = s%gravity
@@ -35,7 +35,7 @@ contains
     same%left_limit = left_limit
   end function at_side
 
-  !> The same where a position is nearly singular but no motion passes through it: the joints' equations as they are.
+  !> The same for a nearly singular position through which no motion passes: the joints' equations are solved as they are.
   pure type(evaluation_options) function with_weak_pivots(options) result(same)
     type(evaluation_options), intent(in) :: options
     same = options

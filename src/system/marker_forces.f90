@@ -68,7 +68,7 @@ contains
   pure subroutine load_frames(self, ev)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
-    real(wp) :: arm(3)                      ! what a turn moves [m, m, -]
+    real(wp) :: arm(3)                      ! motion by a unit turn [m, m, -]
     integer :: j, k, b
     do j = 1, size(self%s%loaded)
       k = self%s%loaded(j)

@@ -19,7 +19,7 @@ contains
     integer :: b
     do b = 1, size(ev%frame%cos)
       angle = q(self%s%qo(b) + 3)
-      if (abs(angle - ev%frame%angle(b)) <= 0.0_wp) cycle   ! most of a step's end is asked for at the same positions
+      if (abs(angle - ev%frame%angle(b)) <= 0.0_wp) cycle   ! most evaluations at the end of a step are of the same positions
       ev%frame%angle(b) = angle
       ev%frame%cos(b) = cos(angle)
       ev%frame%sin(b) = sin(angle)

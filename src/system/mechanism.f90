@@ -32,7 +32,7 @@ module mechanism
     real(wp), allocatable :: ep(:, :, :)        !! (3, 2, na) E_k m_ff^-1 S-bar^T [-]
   end type flexible_attachments
 
-  !> A scene with what loops over many bodies need, apart from the bulky models.
+  !> A scene, and plain arrays for loops over many bodies, which do not touch the models.
   type :: mechanism_model
     type(scene) :: s
     type(row_incidence) :: incidence
@@ -63,7 +63,7 @@ contains
     frame_dinv(3) = reciprocal(f - frame_l(2)*d - frame_l(3)**2*d2)
   end subroutine factor_frame
 
-  !> 1/x of a pivot; 0 where x is not positive: the mass that makes it is lost in rounding.
+  !> 1/x of a pivot; 0 where x is not positive: the mass in it is lost in rounding.
   elemental real(wp) function reciprocal(x)
     real(wp), intent(in) :: x                  !! [kg] or [kg m2]
     reciprocal = 0.0_wp

@@ -31,7 +31,7 @@ contains
     call set_up_evaluation(self, schur, ev)
   end subroutine set_up_mechanism
 
-  !> Copies what loops over many rigid bodies and markers need, so that they need not touch the models.
+  !> Copies what loops over many rigid bodies and markers need, so that they do not touch the models.
   pure subroutine compact_models(self)
     type(mechanism_model), intent(inout) :: self
     integer :: b

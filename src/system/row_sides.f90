@@ -15,7 +15,7 @@ module row_sides
     integer, allocatable :: row(:)              !! (sides) row
     integer, allocatable :: body(:)             !! (sides) body
     integer, allocatable :: marker(:)           !! (sides) marker
-    integer, allocatable :: kind(:)             !! (sides) side_a, side_b, side_c; other rows: what they ask of the marker
+    integer, allocatable :: kind(:)             !! (sides) side_a, side_b, side_c; other rows: component of the marker
     logical, allocatable :: acts(:, :)          !! (3, sides) components of the marker, in body axes, that the row may see
     integer, allocatable :: attachment(:)       !! (sides) the marker's number among those attached to the body (flexible bodies)
   contains
@@ -26,7 +26,7 @@ module row_sides
     procedure :: attach
   end type side_list
 
-  !> The markers of a flexible body where rows act, and the columns of an inverse elastic matrix that they ask for.
+  !> The markers of a flexible body where rows act, and the columns of an inverse elastic matrix that they need.
   type, public :: attached_markers
     integer, allocatable :: marker(:)           !! (na) in the scene's list
     integer, allocatable :: column(:, :)        !! (3, na) column of each marker's u, v, rotation, 0: none needed

@@ -16,7 +16,7 @@ module mechanism_ode
   use complex_newton_condensation, only: condense_complex => condense
   use newton_correction, only: take_residual, correction, row_correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
-  use newton_equations, only: prepare, give_terms, let_terms_follow, residual, gather_residual, renew
+  use newton_equations, only: prepare, set_terms, use_given_terms, residual, gather_residual, renew
   use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, rounding_scale_of
   use newton_start, only: smooth_accelerations, row_gaps
   use newton_system, only: newton_matrix, set_up_newton
@@ -71,7 +71,7 @@ contains
     if (stages) then
       allocate (self%stages)
       call set_up_complex(self%stages, self%m, self%t%t%rows%row_lists)
-      call let_terms_follow(self%t)
+      call use_given_terms(self%t)
     end if
     self%follows_stiffness = .false.
     self%bordered = spread(.true., 1, size(self%m%s%switching))
@@ -156,7 +156,7 @@ contains
     logical, intent(in) :: left_limit
     real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
     real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m] or [m/s]
-    call give_terms(self%t, self%m, z)
+    call set_terms(self%t, self%m, z)
     call residual(self%t, self%m, self%ev, at_side(self%options, left_limit), t, q, v, a, lambda)
     call gather_residual(self%t, self%m, self%ev, r)
     self%t%t%solved = .false.
@@ -181,7 +181,7 @@ contains
     logical :: bad
     self%shift = merge(light_shift, least_shift, self%m%redundant)
     if (regularise) self%shift = merge(stage_shift, strong_shift, allocated(self%stages))
-    call give_gains(self)
+    call set_gains(self)
     call take_residual(self%t%t, self%m, self%ev, r)
     call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, self%shift, bad)
     if (present(r_complex) .and. .not. bad) then
@@ -195,7 +195,7 @@ contains
   end subroutine mechanism_renew
 
   !> What controllers make of motions that grow as the matrices say.
-  subroutine give_gains(self)
+  subroutine set_gains(self)
     class(mechanism_system), intent(inout) :: self
     integer :: k
     if (size(self%m%s%controllers) == 0) return
@@ -208,7 +208,7 @@ contains
         end associate
       end associate
     end do
-  end subroutine give_gains
+  end subroutine set_gains
 
   !> Corrections by the real matrix.
   subroutine mechanism_correction(self, r, gap, dq, dlambda)
@@ -288,7 +288,7 @@ contains
     real(wp), intent(inout), contiguous :: a(:)                 !! (nq) [m/s2, rad/s2]
     logical, intent(out) :: ok
     logical :: bad
-    call give_terms(self%t, self%m, z)
+    call set_terms(self%t, self%m, z)
     call smooth_accelerations(self%t, self%m, self%ev, self%options, t, q, v, lambda, a, bad)
     ok = .not. bad
   end subroutine smooth

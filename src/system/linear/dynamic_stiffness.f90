@@ -25,12 +25,12 @@ module dynamic_stiffness
     real(wp), allocatable :: m(:)              !! (entries) mass [kg, kg m, kg m2]
     real(wp), allocatable :: c(:)              !! (entries) damping with gyroscopic terms [N s/m, N s, N m s]
     real(wp), allocatable :: k(:)              !! (entries) stiffness at E_R [N/m, N, N m]
-    real(wp), allocatable :: k_low(:)          !! (entries) what rounding took from k when elements were summed [as k]
+    real(wp), allocatable :: k_low(:)          !! (entries) rounding error of k where elements were summed [as k]
     real(wp), allocatable :: gyro(:)           !! (entries) skew part of c [as c]
     real(wp), allocatable :: forces(:)         !! (n) forces that may cancel in k_ij: forces(i) forces(j) [(N/m)^1/2, (N m)^1/2]
     real(wp), allocatable :: joint(:)          !! (entries) J and J^T [-, m]
     type(ghm_group), allocatable :: groups(:)
-    complex(wp), allocatable :: inertia(:)     !! (entries) what inertia, damping and joints bring to it [as k]
+    complex(wp), allocatable :: inertia(:)     !! (entries) part of inertia, damping and joints in it [as k]
     complex(wp), allocatable :: values(:)      !! (entries) the bordered matrix at the present s [as k]
     complex(wp), allocatable :: slope(:)       !! (entries) its derivative [as c]
     type(bordered_system) :: solver
@@ -66,7 +66,7 @@ contains
     real(wp), intent(in) :: largest_force      !! that acts anywhere: frames' stiffness from forces is known to its rounding [N]
     logical, intent(in) :: dependent(:)        !! (rows) rows that follow from others
     integer, allocatable :: block_of(:), number_of(:)
-    real(wp), allocatable :: loops(:)          ! (entries) of the damping, what loops add [as c]
+    real(wp), allocatable :: loops(:)          ! (entries) part of closed loops in the damping [as c]
     real(wp) :: spring                         ! [N/m]
     integer :: b, k, nt
     self%n = lin%n
@@ -105,8 +105,8 @@ contains
     call self%solver%set_up(nt, self%row, self%col, block_of)
   end subroutine build
 
-  !> Skew part of C without loops, which need not be symmetric to damp; whether the undamped system is symmetric and whether there
-  !> is damping at all.
+  !> Skew part of C without that of closed loops, which may damp though it is not symmetric. Whether the undamped system is
+  !> symmetric, and whether there is damping at all.
   subroutine classify(self, loops)
     class(stiffness_system), intent(inout) :: self
     real(wp), intent(in) :: loops(:)                  !! (entries) [as c]
@@ -197,13 +197,13 @@ contains
     below = below - self%rows
   end function modes_below
 
-  !> Solves with the last factor, or its transpose, corrected by the residual; again where that changed more than half of the
-  !> digits.
+  !> Solves with the last factor, or its transpose, and corrects by the residual; once more where that changed more than half of
+  !> the digits.
   subroutine solve(self, x, transposed, exists)
     class(stiffness_system), intent(inout) :: self
     complex(wp), intent(inout) :: x(:)         !! (n+rows) right-hand side, then solution [N, N m], [m, rad]
     logical, intent(in), optional :: transposed
-    logical, intent(out), optional :: exists   !! false: the matrix is singular, and what was found balances nothing
+    logical, intent(out), optional :: exists   !! false: the matrix is singular, there is no solution
     real(wp), parameter :: half = sqrt(epsilon(1.0_wp))   ! of the digits [-]
     complex(wp), allocatable :: b(:), r(:)
     logical :: turned

@@ -1,5 +1,5 @@
 !> The bodies' part of the linearisation (see `linearisation` for the equations and unknowns): mass, damping and stiffness are the
-!> tangent of `body_tangents` with unit coefficients, in frozen axes. Here a frame's displacement keeps to its turning axes,
+!> tangent of `body_tangents` with unit coefficients, in frozen axes. Here a frame's displacement is in its turning axes,
 !> dR'' = A (eta'' + 2 theta' H eta' + (theta'' H - theta'^2) eta), which adds columns of eta.
 module linear_bodies
   use kinds, only: wp
@@ -35,7 +35,7 @@ contains
     call matrix%add_block(x(3:3), x(4:), reshape(t%row(1:), [1, body%nf]))
   end subroutine add_tangent
 
-  !> Adds what frames' displacements in turning axes ask for, and the elastic coordinates' own block.
+  !> Adds the terms of frames' displacements in turning axes, and the elastic coordinates' own block.
   subroutine add_turning(m, ev, b, q, v, a, lin)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev

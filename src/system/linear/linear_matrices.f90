@@ -22,7 +22,7 @@ module linear_matrices
     integer :: n = 0                         !! unknowns (as many as coordinates, same offsets)
     integer :: rows = 0                      !! constraint rows
     type(triplet_matrix) :: mass, damping, stiffness   !! n x n
-    type(triplet_matrix) :: loops            !! n x n: of the damping, what forces that follow rates of others add
+    type(triplet_matrix) :: loops            !! n x n: part of the damping by forces that follow rates of other bodies
     type(triplet_matrix) :: jacobian         !! rows x n
     type(linear_segment), allocatable :: segments(:)
     integer, allocatable :: before(:)        !! (bodies) segments of the bodies before
@@ -63,7 +63,7 @@ contains
     end do
   end subroutine count_segments
 
-  !> Numbers the laws of some segments, the same one for segments with the same terms, found by a number that is made of their
+  !> Numbers the laws of some segments: segments with the same terms have the same number. Equal terms are found by a hash of their
   !> values.
   subroutine number_laws(segments, counts, number)
     type(linear_segment), intent(in) :: segments(:)

@@ -16,7 +16,7 @@ module linear_pattern
     type(viscoelastic_terms) :: law
     integer, allocatable :: entry(:)           !! entries of the pattern
     real(wp), allocatable :: value(:)          !! K_r there [N/m ...]
-    real(wp), allocatable :: rounded_off(:)        !! what rounding took from it [N/m ...]
+    real(wp), allocatable :: rounded_off(:)    !! its rounding error [N/m ...]
   end type ghm_group
 
 contains

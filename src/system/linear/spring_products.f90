@@ -20,7 +20,7 @@ contains
     real(wp), intent(in) :: ends(2)            !! factors of its ends, negative: its present direction [-]
     real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad]
     real(wp) :: a(3), b(3)
-    call shifts(m, ev, k, x, a, b)
+    call end_displacements(m, ev, k, x, a, b)
     if (all(ends >= 0.0_wp)) then
       square = ends(1)*sum(a(1:2)**2) + ends(2)*sum(b(1:2)**2)
     else
@@ -39,7 +39,7 @@ contains
     real(wp), intent(inout) :: y(:)            !! (n) forces [N], [N m]
     real(wp) :: a(3), b(3)
     if (.not. abs(stiffness) > 0.0_wp) return
-    call shifts(m, ev, k, x, a, b)
+    call end_displacements(m, ev, k, x, a, b)
     if (all(ends >= 0.0_wp)) then
       a = [ends(1)*a(1:2), 0.0_wp]
       b = [-ends(2)*b(1:2), 0.0_wp]
@@ -51,7 +51,7 @@ contains
     if (any(abs(b) > 0.0_wp)) call add_force(m, ev, m%s%forces(k)%item%ib, -stiffness*b, y)
   end subroutine spring_pull
 
-  !> Adds what a force that follows the motion of others does against small motions and their rates.
+  !> Adds the forces with which an element that follows a quantity answers small motions and their rates.
   pure subroutine argument_pull(m, ev, k, x, stiffness, damping)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -70,7 +70,7 @@ contains
     end associate
   end subroutine argument_pull
 
-  !> Generalised forces in whose directions such a force acts, and sees.
+  !> Generalised directions in which such a force acts, and of the motion that it follows.
   pure subroutine argument_motions(m, ev, k, acts, sees)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -90,7 +90,7 @@ contains
   end subroutine argument_motions
 
   !> Displacements and turns of a spring's ends, global axes.
-  pure subroutine shifts(m, ev, k, x, a, b)
+  pure subroutine end_displacements(m, ev, k, x, a, b)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! spring
@@ -98,9 +98,9 @@ contains
     real(wp), intent(out) :: a(3), b(3)        !! [m], [m], [rad]
     a = marker_displacement(m, ev, m%s%forces(k)%item%ia, x)
     b = marker_displacement(m, ev, m%s%forces(k)%item%ib, x)
-  end subroutine shifts
+  end subroutine end_displacements
 
-  !> What of the ends' relative motion deforms a spring: along it; of a bush in whatever direction; of a torsional one the turn.
+  !> The part of the ends' relative motion that deforms a spring: along it; of a bush in any direction; of a torsional one the turn.
   pure function stretch(m, ev, k, d) result(s)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev

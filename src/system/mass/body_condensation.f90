@@ -137,8 +137,9 @@ contains
     end do
   end subroutine frame_products
 
-  !> X = m_ff^-1 Q_f and Y = m_ff^-1 m_theta_f^T, and their products. Of Y what nodes do in a turn of the undeformed body is known:
-  !> solved for, and left in `ty`, is the rest, of a fine mesh clamped at a node the small difference of large inertias.
+  !> X = m_ff^-1 Q_f and Y = m_ff^-1 m_theta_f^T, and their products. The part of Y in which nodes turn with the undeformed body is
+  !> known; only the rest is solved for and is in `ty`. For a fine mesh clamped at a node it is a small difference of large
+  !> inertias.
   subroutine solve_elastic(self, ev, b, sx, sy, tx, ty)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev

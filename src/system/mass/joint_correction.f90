@@ -1,8 +1,7 @@
-!> Multipliers and accelerations corrected by what the accelerations leave of the joints' equations. With very uneven masses
-!> (a heavy body held by a light link) S = Phi_q M^-1 Phi_q^T has entries of the size of the light link's 1/m, from which the
-!> heavy body's 1/m is a small difference: rounding spoils the multipliers by eps times the ratio of the masses. The residual
-!> of the accelerations does not suffer from it, so each correction with the same factor removes that share of the error
-!> (iterative refinement; Higham 2002, chapter 12).
+!> Multipliers and accelerations corrected by the residual of the joints' equations. With very uneven masses (a heavy body on a
+!> light link) S = Phi_q M^-1 Phi_q^T has entries of the size of the light link's 1/m. The heavy body's 1/m is a small difference of
+!> them: rounding changes the multipliers by eps times the ratio of the masses. The residual of the accelerations has no such error,
+!> so that each correction with the same factor reduces it (iterative refinement; Higham 2002, chapter 12).
 module joint_correction
   use kinds, only: wp
   use joint_response, only: apply_multipliers
@@ -16,7 +15,7 @@ module joint_correction
 
   integer, parameter :: most_passes = 6              !! corrections
   real(wp), parameter :: falling = 0.5_wp            !! a residual above this share of the one before no longer falls [-]
-  real(wp), parameter :: kept = 1.0e-9_wp            !! residual that must be left at most, of the accelerations' size [-]
+  real(wp), parameter :: largest_residual = 1.0e-9_wp   !! that is accepted, of the accelerations' size [-]
 
 contains
 
@@ -38,10 +37,10 @@ contains
       ev%a = ev%a + ev%change
       ev%lambda = ev%lambda + ev%lambda_change
     end do
-    if (worst > kept*largest_acceleration(self, ev) .and. .not. ev%schur%singular) call ev%schur%note_ill_conditioned()
+    if (worst > largest_residual*largest_acceleration(self, ev) .and. .not. ev%schur%singular) call ev%schur%note_ill_conditioned()
   end subroutine correct_accelerations
 
-  !> Whether the accelerations meet the joints' equations to rounding already.
+  !> Whether the accelerations already satisfy the joints' equations to rounding.
   logical function balanced(self, ev) result(yes)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
@@ -49,7 +48,7 @@ contains
     yes = .not. maxval(abs(ev%lambda_change)) > 8*epsilon(1.0_wp)*largest_acceleration(self, ev)
   end function balanced
 
-  !> Size of the accelerations that meet in the joints.
+  !> Size of the accelerations at the joints.
   pure real(wp) function largest_acceleration(self, ev) result(a)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev

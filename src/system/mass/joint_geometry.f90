@@ -14,7 +14,7 @@ module joint_geometry
 
 contains
 
-  !> Factors the multipliers' matrix of the last evaluation; where a pivot is weak, the geometry says what that means.
+  !> Factors the multipliers' matrix of the last evaluation; where a pivot is weak, the geometry decides why.
   subroutine factor_joints(self, ev, accept_weak_pivots)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
@@ -73,7 +73,7 @@ contains
     do e = self%incidence%first(b), self%incidence%first(b + 1) - 1
       radius = max(radius, norm2(ev%p%rho(:, self%incidence%marker(e)) - middle))
     end do
-    if (.not. radius > 1.0e-9_wp*norm2(middle)) radius = max(norm2(middle), self%s%size)    ! one place alone
+    if (.not. radius > 1.0e-9_wp*norm2(middle)) radius = max(norm2(middle), self%s%size)    ! all joints in one point
   end subroutine extent
 
   !> Adds w_e . metric w_f of all pairs of sides of one body.

@@ -1,4 +1,4 @@
-!> What forces and multipliers do to the coordinates: M^-1 (Q - Phi_q^T lambda) of frames and elastic coordinates with the factors
+!> Accelerations by forces and multipliers: M^-1 (Q - Phi_q^T lambda) of frames and elastic coordinates with the factors
 !> of the last evaluation (theory.md, section 7). Loops run over plain arrays; rigid bodies never touch their models.
 module joint_response
   use kinds, only: wp

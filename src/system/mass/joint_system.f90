@@ -22,7 +22,7 @@ contains
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     integer :: k
-    ev%rows%left_limit = options%left_limit .or. t >= options%t_end   ! what would follow after the end of a run is not felt
+    ev%rows%left_limit = options%left_limit .or. t >= options%t_end   ! jumps at the end of a run do not act
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
         if (c%pending) then
@@ -35,8 +35,8 @@ contains
     if (allocated(ev%rows%off)) call switch_rows(self, ev)
   end subroutine constraint_values
 
-  !> Which rows hold in their present states: those are measured from what they keep. Others keep their gradients, for the forces
-  !> that act along them.
+  !> Which rows hold in their present states. These are measured from the position at which they began to hold. Rows that are off
+  !> keep their gradients, for the forces that act along them.
   subroutine switch_rows(self, ev)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
@@ -143,7 +143,7 @@ contains
   subroutine condense_constraints(self, ev, elastic_held)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: elastic_held     !! elastic coordinates do not move
+    logical, intent(in) :: elastic_held     !! elastic coordinates are fixed
     integer :: b, first, last, n, pairs
     ev%elastic_held = elastic_held
     if (allocated(ev%rows%off)) call ev%schur%hold(ev%rows%off)
@@ -218,7 +218,7 @@ contains
     end do
   end subroutine rigid_wrenches
 
-  !> What the elastic coordinates take from J^T w.
+  !> Subtracts the part of the elastic coordinates from J^T w.
   pure subroutine condense_elastic(n, local, na, ep, ey, w, frame_wrench)
     integer, intent(in) :: n, na
     integer, intent(in) :: local(n)         !! attachment of each side
@@ -316,7 +316,7 @@ contains
     end do
   end subroutine joint_accelerations
 
-  !> Adds what the frames' accelerations give to every row.
+  !> Adds the frames' accelerations to every row.
   pure subroutine add_frame_terms(nb, n, row, body, frame_wrench, free, rows, lambda)
     integer, intent(in) :: nb, n, rows
     integer, intent(in) :: row(n), body(n)
@@ -331,7 +331,7 @@ contains
     end do
   end subroutine add_frame_terms
 
-  !> Adds what the free elastic accelerations of one body give to the rows at its sides.
+  !> Adds the free elastic accelerations of one body to the rows at its sides.
   pure subroutine add_elastic_terms(n, row, local, w, na, ex, rows, lambda)
     integer, intent(in) :: n, na, rows
     integer, intent(in) :: row(n), local(n)

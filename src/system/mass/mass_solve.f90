@@ -1,4 +1,4 @@
-!> Solves with the mass matrix by the factors of the last evaluation (`dynamics`), joints released or held. Unknowns as the
+!> Solves with the mass matrix by the factors of the last evaluation (`dynamics`), with or without joints. Unknowns as the
 !> coordinates, the frames' in body axes.
 module mass_solve
   use kinds, only: wp
@@ -12,11 +12,11 @@ module mass_solve
 
 contains
 
-  !> u = M^-1 (r - Phi^T lambda) with the factors of the last evaluation; lambda = 0 where joints are released.
-  subroutine solve_mass(m, ev, held, r, u)
+  !> u = M^-1 (r - Phi^T lambda) with the factors of the last evaluation; lambda = 0 without joints.
+  subroutine solve_mass(m, ev, with_joints, r, u)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: held                !! joints and drives held
+    logical, intent(in) :: with_joints         !! joints and drives act
     real(wp), intent(in), contiguous :: r(:)   !! (n) forces [N], moments [N m]
     real(wp), intent(out), contiguous :: u(:)  !! (n) accelerations [m/s2], [rad/s2]
     integer :: b, e
@@ -25,7 +25,7 @@ contains
         call solve_body(m, ev, b, r(i + 1:i + n), u(i + 1:i + n))
       end associate
     end do
-    if (.not. held .or. m%s%rows == 0) return
+    if (.not. with_joints .or. m%s%rows == 0) return
     associate (mu => ev%lambda_change, x => ev%change)
       mu = 0.0_wp
       do b = 1, size(m%s%bodies)
@@ -40,8 +40,8 @@ contains
     end associate
   end subroutine solve_mass
 
-  !> u = M^-1 r of one body, joints released: elastic coordinates condensed onto the frame, the frame solved, elastic coordinates
-  !> behind it.
+  !> u = M^-1 r of one body without joints: elastic coordinates are condensed onto the frame, then the frame is solved, then the
+  !> elastic coordinates.
   subroutine solve_body(m, ev, b, r, u)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev

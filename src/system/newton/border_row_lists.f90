@@ -13,18 +13,18 @@ module border_row_lists
 
   integer, parameter, public :: from_joint = 1, from_element = 2, from_argument = 3
 
-  !> A law between displacement rows: forces on two markers that follow from the motion of two, the same ones or those of an
-  !> element's argument.
+  !> A law between displacement rows: forces on two markers that follow from the motion of two markers. These are the same ones, or
+  !> those of an element's argument.
   type :: coupling
     integer :: kind = 0                      !! from_joint, from_element, from_argument
     integer :: item = 0                      !! its number
     integer :: n = 0                         !! displacement rows on which forces act
     integer :: row(6) = 0                    !! their numbers among all rows
     integer :: slot(6) = 0                   !! marker component 1 to 6 (a then b) of each
-    integer :: nc = 0                        !! displacement rows that it sees
+    integer :: nc = 0                        !! displacement rows on which they depend
     integer :: column(6) = 0                 !! their numbers
     integer :: column_slot(6) = 0
-    integer :: nr = 0                        !! rate rows that it sees
+    integer :: nr = 0                        !! rate rows on which they depend
     integer :: rate(6) = 0                   !! their numbers
     integer :: rate_slot(6) = 0
   end type coupling

@@ -54,7 +54,7 @@ module border_rows
     real(number), allocatable :: y(:)        !! (n) solution, by row [N]
     real(number), allocatable :: closing(:, :)   !! (n, 3) the same for gaps alone [N]
     type(open_row), allocatable :: open(:)   !! rows that can be off
-    real(number) :: unit = 1.0_wp            !! takes gaps of rows that are off, as the method hands them on, to newtons [-, 1/s]
+    real(number) :: unit = 1.0_wp            !! makes newtons of the method's gaps of rows that are off [-, 1/s]
     real(wp) :: least_pivot = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
@@ -162,8 +162,8 @@ contains
     end do
   end subroutine add_row
 
-  !> y of all rows from their displacements d under the residual alone and the constraints' values; of rows that are off, from
-  !> what their multipliers miss.
+  !> y of all rows from their displacements d under the residual alone and the constraints' values; of rows that are off, from the
+  !> errors of their multipliers.
   subroutine solve_rows(r, phi)
     type(row_system), intent(inout) :: r
     real(number), intent(in) :: phi(:)       !! (nc) [m], [N]

@@ -93,7 +93,7 @@ contains
     if (self%turn_apart) call turn_base(self, body, c1, c2)
   end subroutine factor_base
 
-  !> T0 times a turn of the undeformed body. No element resists its own turn: its stiffness acts on the rest of the turn alone.
+  !> T0 times a turn of the undeformed body. No element resists a rigid turn of its own: its stiffness acts on the rest alone.
   subroutine turn_base(self, body, c1, c2)
     class(block_factor), intent(inout) :: self
     type(body_model), intent(in) :: body

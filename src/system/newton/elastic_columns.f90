@@ -89,7 +89,7 @@ contains
     end associate
   end subroutine fill_columns
 
-  !> E x: what a marker sees of a vector of its body's elastic coordinates.
+  !> E x: displacement and rotation of a marker by a vector of its body's elastic coordinates.
   pure function seen(marker, x) result(u)
     type(marker_model), intent(in) :: marker
     real(number), intent(in) :: x(:)         !! (n) [m, rad]

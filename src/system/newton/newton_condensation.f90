@@ -83,8 +83,8 @@ contains
     bad = self%rows%bad
   end subroutine condense
 
-  !> Solves the elastic residual and the column of the angle. What nodes do in a turn of the undeformed body is known: where it is
-  !> split off, the row of the angle and its diagonal entry are left what they have of the rest of a turn.
+  !> Solves the elastic residual and the column of the angle. The motion of nodes in a turn of the undeformed body is known. Where
+  !> it is split off, the row of the angle and its diagonal entry keep only the part of the rest of the turn.
   subroutine solve_column(x, turned, full_block)
     type(condensed_body), intent(inout) :: x
     real(wp), intent(in) :: turned(:)        !! (n) coordinates of that turn [m, -]
@@ -210,14 +210,14 @@ contains
     self%rows%s = 0.0_wp
     do b = 1, size(self%b)
       do e = self%rows%first(b), self%rows%first(b + 1) - 1
-        call one_end(self, m, ev, v, b, e)
+        call condense_side(self, m, ev, v, b, e)
       end do
       call add_compliance(self, b)
     end do
   end subroutine condense_rows
 
   !> One side: row and column on marker and condensed frame.
-  subroutine one_end(self, m, ev, v, b, e)
+  subroutine condense_side(self, m, ev, v, b, e)
     type(condensed_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -263,9 +263,9 @@ contains
                                 + t%inverse(c, 3)*r%frame_column(3, e)
       end do
     end associate
-  end subroutine one_end
+  end subroutine condense_side
 
-  !> What a row asks of a marker on its side: displacement in body axes, rotation.
+  !> Direction of a row at the marker of a side: displacement in body axes, rotation.
   pure function side_direction(ev, kind, row, b) result(w)
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: kind              !! of the side (`row_system`)

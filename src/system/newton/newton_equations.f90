@@ -1,6 +1,5 @@
-!> Residual and tangent of the whole mechanism at a trial state (t, q, v, a, lambda), and the corrections that they ask for. The
-!> elastic blocks are factored once a step size (`prepare`); a new tangent renews the frames' columns and rows and the border, and
-!> the full elastic blocks only where it is asked to.
+!> Residual and tangent of the whole mechanism at a trial state (t, q, v, a, lambda). The elastic blocks are factored once a step
+!> size (`prepare`). A new tangent renews the frames' columns and rows and the border, and the full elastic blocks only on demand.
 module newton_equations
   use kinds, only: wp
   use body_tangents, only: find_tangents, find_wrenches, frame_acceleration
@@ -15,7 +14,7 @@ module newton_equations
   use newton_system, only: newton_matrix
   implicit none (type, external)
   private
-  public :: prepare, give_terms, let_terms_follow, residual, gather_residual, renew
+  public :: prepare, set_terms, use_given_terms, residual, gather_residual, renew
 
 contains
 
@@ -42,9 +41,8 @@ contains
     call factor_blocks(self%t, m, self%terms, c1, c2, bad)
   end subroutine prepare
 
-  !> For a method that solves for the dissipative coordinates itself: residuals see those that they are given, whatever the
-  !> deformations.
-  subroutine let_terms_follow(self)
+  !> For a method that solves for the dissipative coordinates itself: residuals take them as given, whatever the deformations.
+  subroutine use_given_terms(self)
     type(newton_matrix), intent(inout) :: self
     integer :: k
     self%stages = .true.
@@ -57,10 +55,10 @@ contains
         if (t%body > 0) self%eq(t%body)%factor(t%segment) = self%eq(t%body)%factor(t%segment) + t%alpha
       end associate
     end do
-  end subroutine let_terms_follow
+  end subroutine use_given_terms
 
-  !> Gives residuals the dissipative coordinates at zero deformation: those of force elements, and their sum in bodies.
-  subroutine give_terms(self, m, z)
+  !> Sets the dissipative coordinates at zero deformation for the next residuals: those of force elements, and their sum in bodies.
+  subroutine set_terms(self, m, z)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in), contiguous :: z(:) !! (nz) [m, rad]
@@ -81,7 +79,7 @@ contains
         end associate
       end associate
     end do
-  end subroutine give_terms
+  end subroutine set_terms
 
   !> Residuals of all bodies (self%eq) and values of the constraints (ev%rows%phi).
   subroutine residual(self, m, ev, options, t, q, v, a, lambda)
@@ -118,7 +116,7 @@ contains
     end do
   end subroutine residual
 
-  !> Dissipative coordinates of the force elements at the trial state: their forces are asked for before the step ends.
+  !> Dissipative coordinates of the force elements at the trial state.
   subroutine element_state(self, m, ev)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m

@@ -1,5 +1,5 @@
-!> What an implicit method asks of the mechanism at the end of a step: internal variables, powers, products with the mass, the
-!> part of a motion that the step resolves, the size of rounding errors.
+!> What an implicit method needs at the end of a step: deformations of internal variables, powers, products with the mass, the size
+!> of rounding errors.
 module newton_results
   use kinds, only: wp
   use body, only: body_model
@@ -105,7 +105,7 @@ contains
     end do
   end subroutine relaxation_rates
 
-  !> Power dissipated in bodies and springs, and put in by loads and drives, in the frames and markers that stand.
+  !> Power dissipated in bodies and springs, and put in by loads and drives, at the present frames and markers.
   subroutine find_powers(self, m, ev, t, v, lambda, z, zd, power)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m

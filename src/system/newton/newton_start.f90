@@ -1,5 +1,5 @@
-!> Accelerations and rates in the directions that constraints hold or leave, by the dynamic stiffness that stands: what a method
-!> starts with and corrects its rates by.
+!> Accelerations with which an implicit method starts, by its dynamic stiffness, and the rows with their derivatives, by which it
+!> corrects rates.
 module newton_start
   use kinds, only: wp
   use border_rows, only: regularise_weak_rows, light_shift, least_shift
@@ -18,9 +18,9 @@ module newton_start
 
 contains
 
-  !> Accelerations that the step resolves: (c1 M + tangent) x = c1 M a within the constraints. Motion much faster than the
-  !> step, which a sudden load or an undeformed start would set ringing, starts in its equilibrium; slower motion keeps a to
-  !> second order.
+  !> Accelerations that the step resolves: (c1 M + tangent) x = c1 M a within the constraints. A vibration much faster than the
+  !> step, which a sudden load or an undeformed start would excite, starts in its equilibrium; slower motion keeps a to second
+  !> order.
   subroutine smooth_accelerations(self, m, ev, options, t, q, v, lambda, a, bad)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m

@@ -1,5 +1,5 @@
-!> What implicit methods keep of a mechanism: the equations of the bodies at a trial state, internal variables condensed, and the
-!> dynamic stiffness that solves for corrections (`condensed_system`). `newton_equations` fills it.
+!> Work space of implicit methods for a mechanism: the equations of the bodies at a trial state, internal variables condensed, and
+!> the dynamic stiffness that solves for corrections (`condensed_system`). `newton_equations` fills it.
 module newton_system
   use kinds, only: wp
   use body_terms, only: body_equations, set_up_terms
