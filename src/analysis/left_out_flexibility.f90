@@ -35,51 +35,41 @@ contains
     type(scene) :: s
     type(fault_list) :: faults
     type(acting_marker), allocatable :: acting(:, :)
-    real(wp), allocatable :: share(:), all(:)    ! [-]
-    integer, allocatable :: body(:), column(:), order(:)
-    logical, allocatable :: reduced(:)
-    integer :: k, j
+    real(wp) :: share(run%list%columns, size(run%d%bodies))   ! [-]
+    integer, allocatable :: order(:)
+    integer :: k, at(2)
     do k = 1, size(run%d%bodies)
       if (run%d%bodies(k)%auto_modes) call text%line('body "'//trim(run%d%bodies(k)%name)//'": modes=''auto'': the run finds '// &
                                                      'how many are enough; here it has its whole mesh')
       if (run%d%bodies(k)%auto_elements) call text%line('body "'//trim(run%d%bodies(k)%name)//'": elements=''auto'': the run '// &
         'finds how many are enough; here it has '//to_text(run%d%bodies(k)%elements))
     end do
-    associate (b => run%d%bodies)
-      reduced = b%modes > 0 .and. b%flexible .and. .not. b%auto_modes
+    associate (reduced => run%d%bodies%modes > 0 .and. run%d%bodies%flexible .and. .not. run%d%bodies%auto_modes)
+      if (.not. any(reduced) .or. size(share) == 0) return
+      nodal = run%d
+      nodal%bodies%modes = 0
+      call build(nodal, s, faults)
+      if (faults%count > 0) return
+      acting = list_acting(nodal, s)
+      share = 0.0_wp
+      do k = 1, size(reduced)
+        if (reduced(k)) share(:, k) = body_shares(run, k, s%bodies(k), coordinates_under_load(acting, k, s%bodies(k)))
+      end do
     end associate
-    if (.not. any(reduced) .or. run%list%columns == 0) return
-    nodal = run%d
-    nodal%bodies%modes = 0
-    call build(nodal, s, faults)
-    if (faults%count > 0) return
-    acting = list_acting(nodal, s)
-    all = [real(wp) ::]
-    body = [integer ::]
-    column = [integer ::]
-    do k = 1, size(run%d%bodies)
-      if (.not. reduced(k)) cycle
-      share = body_shares(run, k, s%bodies(k), coordinates_under_load(acting, k, s%bodies(k)))
-      associate (seen => pack([(j, j=1, size(share))], share > noticed))
-        all = [all, share(seen)]
-        column = [column, seen]
-        body = [body, spread(k, 1, size(seen))]
-      end associate
-    end do
     call text%line('')
     call text%line('left-out modes: their share of the static response of columns (residual flexibility) to forces and')
     call text%line('moments where joints, drives, springs and loads act, and to inertia forces, each storing the same energy')
+    if (all(share <= noticed)) call text%line('  none above '//trim(adjustl(es_text(noticed, 0))))
     call text%open('static_share_of_left_out_modes', '[')
-    order = ascending(-all)
-    do j = 1, size(order)
-      k = order(j)
+    order = ascending(-[share])
+    do k = 1, count(share > noticed)
+      at = 1 + [mod(order(k) - 1, size(share, 1)), (order(k) - 1)/size(share, 1)]
       call text%open('', '{')
-      call text%figure('  body "', 'body', trim(run%d%bodies(body(k))%name))
-      call text%figure('", ', 'column', trim(run%list%names(column(k))))
-      call text%figure(': ', 'share', all(k), 1, rest='')
+      call text%figure('  body "', 'body', trim(run%d%bodies(at(2))%name))
+      call text%figure('", ', 'column', trim(run%list%names(at(1))))
+      call text%figure(': ', 'share', share(at(1), at(2)), 1, rest='')
       call text%close()
     end do
-    if (size(order) == 0) call text%line('  none above '//trim(adjustl(es_text(noticed, 0))))
     call text%close()
   end subroutine flexibility_lines
 

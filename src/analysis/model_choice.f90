@@ -1,13 +1,13 @@
-!> What modes that a body leaves out make the columns err, and how many modes keep the accuracy (theory.md, section 12): pilots
-!> beside one in nodal coordinates. The deck then has plain numbers, and all that follows sees an ordinary deck.
+!> What modes that a body leaves out and meshes make the columns err, and how many modes and elements keep the accuracy (theory.md,
+!> section 12): pilots beside a better model. The deck then has plain numbers, and all that follows sees an ordinary deck.
 module model_choice
   use kinds, only: wp, pi, ip
   use accuracy_words, only: least_part
   use build_scene, only: build
-  use deck_mesh, only: halve_elements
-  use deck_records, only: deck
+  use deck_geometry, only: removed_coordinates
+  use deck_mesh, only: halve_elements, set_mesh
+  use deck_records, only: body_record, deck
   use errors, only: failure, fault_list, status_bad_input, status_failed, status_signal
-  use mesh_choice, only: choose_elements, error_lines, modes_of_mesh, most_modes, take_mesh
   use modal_basis, only: modal_model
   use model_pilot, only: pilot_result, pilot_series
   use process, only: caught_signal, hold_signals
@@ -16,16 +16,46 @@ module model_choice
   use sorting, only: ascending
   use summary, only: add_warnings
   use summary_text, only: summary_record
-  use text, only: short_text, to_text
+  use text, only: es_text, short_text, to_text
   implicit none (type, external)
   private
-  public :: choose_model
+  public :: begin_model, choose_model
 
+  integer, parameter :: most_modes = 60        !! of a body
+  integer, parameter :: first_elements = 4     !! between two places, before a run has found how many it needs
+  integer, parameter :: most_level = 256       !! elements between two places
   real(wp), parameter :: halving_error = 4/3.0_wp   !! error of a mesh over the change where errors fall by four [-]
-  integer, parameter :: most_level = 1000000000    !! more modes than any deck has
-  real(wp), parameter :: modes_share = 0.5_wp  !! of what a column may err by that left-out modes may take [-]
+  real(wp), parameter :: mesh_share = 0.25_wp  !! of what a column may err by that the mesh may take [-]
+  real(wp), parameter :: modes_share = 0.5_wp  !! the same of left-out modes [-]
 
 contains
+
+  !> Until elements='auto' is settled a body has some, until modes='auto' is its whole mesh.
+  subroutine begin_model(d)
+    type(deck), intent(inout) :: d
+    integer :: k
+    do k = 1, size(d%bodies)
+      if (d%bodies(k)%auto_elements .and. .not. allocated(d%bodies(k)%stations)) call set_mesh(d, k, first_elements)
+      if (d%bodies(k)%auto_modes) call take_mesh(d%bodies(k))
+    end do
+  end subroutine begin_model
+
+  !> Nodal coordinates; for reference='free', which has none, as many modes as can be had.
+  pure subroutine take_mesh(b)
+    type(body_record), intent(inout) :: b
+    b%modes = merge(max(b%modes, modes_of_mesh(b)), 0, b%reference == 'free')
+  end subroutine take_mesh
+
+  !> How many modes a body may be given.
+  pure integer function modes_of_mesh(b) result(n)
+    type(body_record), intent(in) :: b
+    logical :: kept(3, b%nodes)
+    kept = .not. removed_coordinates(b)
+    if (.not. b%axial) kept(1, :) = .false.
+    n = count(kept)
+    if (b%reference == 'free') n = n - merge(3, 2, b%axial)
+    n = min(n, most_modes)
+  end function modes_of_mesh
 
   !> Settles elements='auto', then modes='auto' on these meshes, and finds the errors of left-out modes and of meshes, where the
   !> deck asks for any of these; a restart has what the first run found. The scene is then built anew.
@@ -47,9 +77,9 @@ contains
         if (meshed) call choose_elements(run%d, run%began, run%model_error, text)
         if (reduced) call choose_modes(run%d, run%began, run%model_error, text)
         if (run%d%transient%check_reduction) call check_model(run, take_meshes(run%d), 'left-out modes, beside nodal coordinates', &
-                                                              'errors', 'cost', 1.0_wp, text)
+                                                              '', 1.0_wp, text)
         if (run%d%transient%check_mesh) call check_model(run, halved(run%d), 'meshes, beside elements of half the length', &
-                                                         'mesh_errors', 'mesh_cost', halving_error, text)
+                                                         'mesh_', halving_error, text)
         call text%close()
       end associate
     end if
@@ -82,26 +112,161 @@ contains
   end function halved
 
   !> The errors of the deck's model beside a better one.
-  subroutine check_model(run, better, words, errors, cost, factor, text)
+  subroutine check_model(run, better, words, prefix, factor, text)
     type(run_state), intent(in) :: run
     type(deck), intent(in) :: better
     character(*), intent(in) :: words                !! what is looked at
-    character(*), intent(in) :: errors, cost         !! names of figures
+    character(*), intent(in) :: prefix               !! of the names of figures
     real(wp), intent(in) :: factor                   !! error over the difference from the better model [-]
     type(summary_record), intent(inout) :: text
     type(pilot_series) :: pilots
     type(pilot_result) :: reference, found
     type(failure) :: lost
-    call pilots%begin(run%d, run%began)
+    call pilots%begin(run%d, run%began, factor)
     call pilots%run(better, reference, lost)
     if (.not. lost%happened()) call pilots%run(run%d, found, lost, reference)
-    call pilots%title(words//', by pilots', text)
-    if (.not. lost%happened()) found%error = factor*found%error
-    if (.not. lost%happened()) call error_lines(found, errors, text)
+    call pilots%title(words, text)
+    if (allocated(found%error)) call error_lines(found, prefix, text)
     if (lost%status == status_failed) call add_warnings(text, run%d%path, 'warning: errors of the model are not known: '// &
                                                         lost%message//new_line('a'))
-    call text%figure('  cost of both: ', cost, nint(pilots%cost, ip), rest=' explicit evaluations')
+    call cost_line(pilots, prefix, text)
   end subroutine check_model
+
+  !> The errors of a pilot.
+  subroutine error_lines(found, prefix, text)
+    type(pilot_result), intent(in) :: found
+    character(*), intent(in) :: prefix               !! of the name of the figures
+    type(summary_record), intent(inout) :: text
+    character(:), allocatable :: share
+    integer :: k
+    call text%line('    column, largest error, of its range')
+    call text%open(prefix//'errors', '{')
+    do k = 1, size(found%error)
+      share = '  (constant but for rounding)'
+      if (found%range(k) > 0.0_wp) share = ' '//es_text(found%error(k)/found%range(k), 1)
+      call text%figure('    '//trim(found%names(k))//' ', trim(found%names(k)), found%error(k), 2, rest=share)
+    end do
+    call text%close()
+  end subroutine error_lines
+
+  !> What all pilots have cost.
+  subroutine cost_line(pilots, prefix, text)
+    type(pilot_series), intent(in) :: pilots
+    character(*), intent(in) :: prefix               !! of the names of the figures
+    type(summary_record), intent(inout) :: text
+    call text%figure('  cost of ', prefix//'pilots', pilots%count)
+    call text%figure(' pilots: ', prefix//'cost', nint(pilots%cost, ip), rest=' explicit evaluations')
+  end subroutine cost_line
+
+  !> The numbers that bodies have got.
+  subroutine number_lines(d, what, is_chosen, numbers, text)
+    type(deck), intent(in) :: d
+    character(*), intent(in) :: what                 !! that is counted
+    logical, intent(in) :: is_chosen(:)              !! (bodies)
+    integer, intent(in) :: numbers(:)                !! (bodies)
+    type(summary_record), intent(inout) :: text
+    integer :: k
+    call text%open(what, '{')
+    do k = 1, size(d%bodies)
+      if (is_chosen(k)) call text%figure('  body "'//trim(d%bodies(k)%name)//'": '//what//'=', trim(d%bodies(k)%name), &
+                                         numbers(k), rest='')
+    end do
+    call text%close()
+  end subroutine number_lines
+
+  !> The worst column of a pilot in words.
+  function worst_words(found) result(words)
+    type(pilot_result), intent(in) :: found
+    character(:), allocatable :: words
+    integer :: k
+    k = maxloc(found%error/found%asked, 1)
+    words = trim(found%names(k))//' errs by '//short_text(found%error(k)/found%asked(k), 1)//' of what is asked'
+  end function worst_words
+
+  !> Elements of the bodies with elements='auto': the meshes of all are refined together until one is good enough by the next finer
+  !> one; beside that each body is then given the fewest that are good enough. Where two finer meshes in a row come no closer,
+  !> nothing is gained any more. The errors are not allocated where no two meshes could be compared.
+  subroutine choose_elements(d, began, error, text)
+    type(deck), intent(inout) :: d
+    integer(ip), intent(in) :: began                 !! count of the clock
+    real(wp), allocatable, intent(out) :: error(:)   !! [of the columns]
+    type(summary_record), intent(inout) :: text
+    type(pilot_series) :: pilots
+    type(pilot_result) :: reference, found, kept
+    type(failure) :: lost
+    character(:), allocatable :: words
+    integer, allocatable :: level(:)                 ! elements of each body's longest way between two places; 0: it has its own
+    integer, allocatable :: chosen(:)                ! those with the smallest error so far
+    integer :: b, low, high
+    logical :: good
+    call pilots%begin(d, began, halving_error)
+    good = .false.
+    level = merge(1, 0, d%bodies%auto_elements)
+    chosen = first_elements*level
+    call pilots%run(with(level), reference, lost)
+    if (lost%happened() .and. .not. pilots%over) then   ! one element may be too few for what the deck asks of the body
+      lost = failure()
+      level = 2*level
+      call pilots%run(with(level), reference, lost)
+    end if
+    do while (.not. lost%happened())
+      call pilots%run(with(2*level), found, lost, reference)
+      if (lost%happened()) exit
+      reference = found
+      if (allocated(kept%error)) good = found%worst() < kept%worst()
+      if (good .or. .not. allocated(kept%error)) then
+        kept = found
+        chosen = level
+      end if
+      good = kept%worst() <= mesh_share
+      if (good .or. maxval(level) == 4*maxval(chosen) .or. maxval(level) == most_level) exit
+      level = 2*level
+    end do
+    level = chosen
+    do b = 1, merge(size(level), 0, good)
+      low = 0
+      if (count(level > 0) == 1) low = level(b)/2
+      high = level(b)
+      do while (high - low > 1 .and. .not. pilots%over)
+        level(b) = (low + high)/2
+        call pilots%run(with(level), found, lost, reference)
+        if (found%worst() <= mesh_share) then
+          high = level(b)
+          kept = found
+        else
+          low = level(b)
+        end if
+      end do
+      level(b) = high
+    end do
+    d = with(level)
+    call pilots%title('elements=''auto'', beside finer meshes', text)
+    call number_lines(d, 'elements', level > 0, d%bodies%elements, text)
+    words = 'what the mesh makes columns err is not known'
+    if (allocated(kept%error)) then
+      call error_lines(kept, 'mesh_', text)
+      words = worst_words(kept)
+      error = kept%error
+    end if
+    if (lost%happened()) words = words//': '//lost%message
+    if (kept%worst() > 1 - least_part .and. lost%status <= status_signal) &  ! more than its share may be: steps need no more
+      call add_warnings(text, d%path, 'warning: elements=''auto'': '//words// &
+                        trim(merge('                                    ', ' on meshes that no finer one betters', &
+                                   lost%happened()))//new_line('a'))
+    call cost_line(pilots, 'mesh_', text)
+  contains
+    !> The deck with meshes of some levels.
+    function with(levels) result(x)
+      integer, intent(in) :: levels(:)               !! (bodies)
+      type(deck) :: x
+      integer :: k
+      x = d
+      do k = 1, size(levels)
+        if (levels(k) > 0) call set_mesh(x, k, levels(k))
+      end do
+      call begin_model(x)
+    end function with
+  end subroutine choose_elements
 
   !> Numbers of modes of the bodies with modes='auto': all below a frequency, the lowest one that keeps the errors small enough.
   subroutine choose_modes(d, began, error, text)
@@ -110,31 +275,49 @@ contains
     real(wp), allocatable, intent(inout) :: error(:) !! of meshes; receives that of modes as well [of the columns]
     type(summary_record), intent(inout) :: text
     type(pilot_series) :: pilots
-    type(pilot_result) :: reference, kept, missed
-    type(failure) :: lost
-    type(deck) :: trial
+    type(pilot_result) :: reference, found, kept, missed
+    type(failure) :: lost, no_end
     real(wp), allocatable :: frequency(:)            ! beyond the first one of each body [Hz]
     integer, allocatable :: body(:)                  ! whose it is
     integer :: low, high, level
-    logical :: good
-    call pilots%begin(d, began)
+    call pilots%begin(d, began, 1.0_wp)
     call list_frequencies(d, body, frequency, lost)
     if (.not. lost%happened()) call pilots%run(d, reference, lost)
     low = -1
-    level = 0
-    high = most_level                                ! not known
-    do while (.not. (lost%happened() .or. pilots%over) .and. high - low > 1 .and. low < size(body))
-      call judge_level()
-      if (good) high = level
-      if (.not. good) low = level
-      if (high == most_level) level = min(2*level + 1, size(body))
-      if (high < most_level) level = (low + high)/2
+    high = size(body)                                ! as many: nodal coordinates cost less
+    do while (.not. (lost%happened() .or. pilots%over) .and. high - low > 1)
+      level = (low + high)/2
+      no_end = failure()
+      call pilots%run(with_modes(level), found, no_end, reference)
+      if (pilots%over) lost = no_end
+      if (is_enough()) then
+        high = level
+        kept = found
+      else
+        low = level
+        if (allocated(found%error)) missed = found
+      end if
     end do
-    good = high < size(body)                         ! else nodal coordinates cost less
-    call tell()
-    if (good) d = with_modes(high)
-    if (good .and. allocated(error)) error = error + kept%error
-    if (good .and. .not. allocated(error)) error = kept%error
+    call pilots%title('modes=''auto'', beside nodal coordinates', text)
+    if (allocated(kept%error)) then
+      d = with_modes(high)
+      call number_lines(d, 'modes', d%bodies%auto_modes, d%bodies%modes, text)
+      if (high > 0) call text%line('  the highest at '//short_text(frequency(high), 2)//' Hz')
+      call error_lines(kept, '', text)
+      if (allocated(error)) kept%error = kept%error + error
+      error = kept%error
+    else
+      call number_lines(d, 'modes', d%bodies%auto_modes, d%bodies%modes, text)
+      if (.not. lost%happened()) call text%line('  as many modes as the mesh has would be needed, or more than '// &
+                                     to_text(most_modes)//': nodal coordinates, or all modes with reference=''free''')
+      if (.not. (all(d%bodies%static_shapes .or. .not. d%bodies%auto_modes) .or. lost%happened())) &
+        call text%line('  with static_shapes=.true. few may be enough')
+    end if
+    if (allocated(missed%error)) call text%line('  fewer are not enough: '//worst_words(missed)//'; left-out modes may take '// &
+                                                to_text(modes_share))
+    if (lost%status == status_failed) call add_warnings(text, d%path, 'warning: modes=''auto'': fewer modes may be enough: '// &
+                                                        lost%message//new_line('a'))
+    call cost_line(pilots, '', text)
   contains
     !> The deck with the lowest modes of all bodies together, beyond the first one of each.
     function with_modes(level) result(x)
@@ -147,58 +330,17 @@ contains
       end do
     end function with_modes
 
-    !> What left-out modes may take: their share, or what meshes and steps leave where that is less.
-    pure function allowed(asked) result(part)
-      real(wp), intent(in) :: asked(:)               !! (columns) [of the column]
-      real(wp) :: part(size(asked))                  !! [of the column]
-      part = modes_share*asked
-      if (.not. allocated(error)) return
-      where (error <= (1 - least_part)*asked) part = min(part, (1 - least_part)*asked - error)
-    end function allowed
-
-    !> Whether the lowest modes keep the errors small enough; a pilot that is lost says no.
-    subroutine judge_level()
-      type(pilot_result) :: found
-      type(failure) :: no_end
-      trial = with_modes(level)
-      call pilots%run(trial, found, no_end, reference)
-      if (pilots%over) lost = no_end
-      good = .not. no_end%happened()
-      if (good) good = all(found%error <= allowed(found%asked))
-      if (good) kept = found
-      if (.not. good .and. .not. no_end%happened()) missed = found
-    end subroutine judge_level
-
-    !> What was chosen and why.
-    subroutine tell()
-      logical :: shapes(size(d%bodies))
-      integer :: k
-      call pilots%title('modes=''auto'', by pilots beside nodal coordinates', text)
-      call text%open('modes', '{')
-      trial = d
-      if (good) trial = with_modes(high)
-      do k = 1, size(d%bodies)
-        if (d%bodies(k)%auto_modes) call text%figure('  body "'//trim(d%bodies(k)%name)//'": modes=', trim(d%bodies(k)%name), &
-                                                      trial%bodies(k)%modes, rest='')
-      end do
-      call text%close()
-      if (good .and. high > 0) call text%line('  the highest at '//short_text(frequency(high), 2)//' Hz')
-      if (allocated(missed%error)) then
-        k = maxloc(missed%error/missed%asked, 1)
-        call text%line('  fewer are not enough: '//trim(missed%names(k))//' errs by '// &
-                       short_text(missed%error(k)/missed%asked(k), 1)//' of what is asked; left-out modes may take '// &
-                       to_text(modes_share))
+    !> Whether left-out modes take no more than their share, or than meshes and steps leave where that is less.
+    pure logical function is_enough() result(yes)
+      real(wp) :: part(size(found%names))            ! [of the column]
+      yes = allocated(found%error)
+      if (.not. yes) return
+      part = modes_share*found%asked
+      if (allocated(error)) then
+        where (error <= (1 - least_part)*found%asked) part = min(part, (1 - least_part)*found%asked - error)
       end if
-      if (good) call error_lines(kept, 'errors', text)
-      if (lost%status == status_failed) call add_warnings(text, d%path, 'warning: modes=''auto'': fewer modes may be enough: '// &
-                                                          lost%message//new_line('a'))
-      if (.not. (good .or. lost%happened())) call text%line('  as many modes as the mesh has would be needed, or more than '// &
-                                     to_text(most_modes)//': nodal coordinates, or all modes with reference=''free''')
-      shapes = d%bodies%static_shapes .or. .not. d%bodies%auto_modes
-      if (.not. (good .or. all(shapes) .or. lost%happened())) call text%line('  with static_shapes=.true. few may be enough')
-      call text%figure('  cost of ', 'pilots', pilots%count)
-      call text%figure(' pilots: ', 'cost', nint(pilots%cost, ip), rest=' explicit evaluations')
-    end subroutine tell
+      yes = all(found%error <= part)
+    end function is_enough
   end subroutine choose_modes
 
   !> The natural frequencies of the bodies with modes='auto' beyond the first one of each, from the lowest to the highest.

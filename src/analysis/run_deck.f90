@@ -7,8 +7,7 @@ module run_deck
   use left_out_flexibility, only: flexibility_lines
   use loop_analysis, only: warn_of_loops
   use modal_analysis, only: run_modal
-  use mesh_choice, only: begin_model
-  use model_choice, only: choose_model
+  use model_choice, only: begin_model, choose_model
   use posix, only: make_folder, lock_file, close_lock, write_bytes, standard_error, standard_output, tell
   use process, only: hold_signals
   use response_analysis, only: run_response
@@ -38,8 +37,6 @@ module run_deck
   implicit none (type, external)
   private
   public :: run_one_deck, run_options, print_words
-
-  real(wp), parameter :: hardly_damped = 0.1_wp   !! damping ratio below which a vibration goes on for many periods [-]
 
   !> What the command line asks for.
   type :: run_options
@@ -103,7 +100,6 @@ contains
     k = method_number(run%d%transient%method)
     if (k > 0) run%stable_step = advice%safe%step(k)
     run%stable_steps = advice%lowest
-    run%rings = abs(real(advice%safe%mu(2), wp)) < hardly_damped*abs(advice%safe%mu(2))
     call text%line('')
     call text%append(advice%text)
     call deck_step(run, advice, text)

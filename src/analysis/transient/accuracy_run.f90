@@ -3,8 +3,8 @@
 !> of the summary is kept as text, since what that describes is gone when the next pass has begun.
 module accuracy_run
   use kinds, only: wp, ip
-  use accuracy_search, only: has_fixed_steps, pass_record, finished, given_up, lost_pass, witness
-  use accuracy_words, only: asked_errors, setting_words
+  use accuracy_search, only: has_fixed_steps, pass_record, setting_words, under_way, finished, given_up, lost_pass, witness
+  use accuracy_words, only: asked_errors
   use compared_columns, only: compared_names
   use errors, only: failure, status_failed
   use mechanism_ode, only: mechanism_system
@@ -38,7 +38,7 @@ contains
     start_system = run%sys
     start_state = run%y
     associate (r => run%d%transient)
-      call march%search%begin(run%d, run%stable_steps, run%rings, size(compared_names(run)), &
+      call march%search%begin(run%d, run%stable_steps, size(compared_names(run)), &
                               step_count(0.0_wp, r%t_end, r%output_step), run%began)
     end associate
     if (run%restart) call march%search%exchange(run%saved)
@@ -84,7 +84,7 @@ contains
     type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
     type(pass_record) :: end
-    real(wp), allocatable :: x(:)             ! errors over what is asked [-]
+    real(wp), allocatable :: x(:)             ! differences over what is asked [-]
     associate (search => march%search, c => march%check)
       end = search%passes(search%count)
       end%outcome = finished
@@ -92,17 +92,16 @@ contains
       if (fail%happened()) end%outcome = lost_pass
       end%cost = march%cost(run)
       end%reached = march%last
+      end%other = search%stored
       if (c%active .and. end%reached > 0.0_wp) then
-        c%error_ratio = search%comparison()
-        if (c%differ_at >= 0.0_wp) c%error_ratio = 1.0_wp        ! two motions: no power of the tolerance is between them
-        x = c%error_ratio*c%error/asked_errors(run, c)
+        x = c%error/asked_errors(run, c)
         end%column = maxloc(x, 1)
-        end%worst = x(end%column)
-        end%apart = end%worst/c%error_ratio
+        end%apart = x(end%column)
         end%differ_at = c%differ_at
-        if (search%passes(search%count)%role == witness) search%witnessed = x
+        c%error_ratio = search%ratio(end)
+        if (end%role == witness) search%witnessed = x
       end if
-      if (end%outcome == finished .and. search%passes(search%count)%role /= witness) then
+      if (end%outcome == finished .and. end%role /= witness) then
         search%found = summary_record(silent=.true.)
         call transient_lines(run, march, fail%status, search%found)
       end if
@@ -115,7 +114,7 @@ contains
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
-    character(*), parameter :: roles(3) = [character(9) :: ', pilot', '', ', witness']
+    character(*), parameter :: roles(3) = [character(7) :: 'pilot', 'results', 'witness']
     character(80), allocatable :: names(:)
     integer :: k
     names = compared_names(run)
@@ -128,24 +127,23 @@ contains
       do k = 1, search%count
         associate (pass => search%passes(k))
           call text%open('', '{')
-          call text%figure('  pass '//to_text(k)//trim(roles(pass%role))//': ', 'method', trim(pass%method))
+          call text%figure('  pass '//to_text(k)//', ', 'role', trim(roles(pass%role)))
+          call text%figure(': ', 'method', trim(pass%method))
           call text%words%add(setting_words(pass))
           call text%member(trim(merge('step     ', 'tolerance', has_fixed_steps(pass%method))), json_number(pass%setting))
-          call text%member('role', json_text(trim(merge('pilot  ', merge('witness', 'results', pass%role == witness), &
-                                                        pass%role == 1))))
-          if (pass%outcome == 0) then
-            call text%figure(', expected to cost about ', 'expected_cost', nint(pass%expected, ip))
+          if (pass%outcome == under_way) then
+            call text%figure(', expected to cost about ', 'expected_cost', &
+                             nint(min(search%predicted_cost(pass%method, pass%setting), pass%budget), ip))
           else
             call text%figure(', cost ', 'cost', nint(pass%cost, ip))
             call text%member('reached', json_number(pass%reached))
           end if
-          if (pass%outcome == given_up) call text%words%add(', given up at t = '//short_text(pass%reached, 3)//' s')
-          if (pass%role == witness .and. pass%outcome == given_up .and. .not. pass%reached > 0.0_wp) then
-            call text%words%add(', before its first row: it tells nothing')
-          end if
           if (pass%outcome == lost_pass) call text%words%add(', lost after t = '//short_text(pass%reached, 3)//' s')
-          if (pass%worst >= 0.0_wp .and. pass%other > 0) then
-            call text%figure('; '//trim(names(pass%column))//' errs by ', 'worst_error_of_asked', pass%worst, 1)
+          if (pass%outcome == given_up) call text%words%add(', given up at t = '//short_text(pass%reached, 3)//' s')
+          if (pass%role == witness .and. pass%apart < 0.0_wp .and. pass%outcome /= under_way) &
+            call text%words%add(', before its first row: it tells nothing')
+          if (pass%apart >= 0.0_wp) then
+            call text%figure('; '//trim(names(pass%column))//' errs by ', 'worst_error_of_asked', search%error_of(pass), 1)
             call text%words%add(' of what is asked, by pass '//to_text(pass%other))
             call text%member('worst_column', json_text(trim(names(pass%column))))
           end if
@@ -200,7 +198,7 @@ contains
         words = words//'; errors of the results, pass '//to_text(search%delivered)//', are unknown: no other pass was finished'
       else
         words = words//'; the worst column of the results, '//trim(names(pass%column))//', errs by an estimated '// &
-          short_text(pass%worst, 1)//' of what is asked'
+          short_text(search%error_of(pass), 1)//' of what is asked'
       end if
     end associate
     call warn(run, words, text)

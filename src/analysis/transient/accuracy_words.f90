@@ -2,7 +2,7 @@
 !> column's error: a vibration that is late keeps its energy. The words say so; only a second run speaks of columns.
 module accuracy_words
   use kinds, only: wp
-  use accuracy_search, only: has_fixed_steps, pass_record
+  use accuracy_search, only: setting_words
   use balance_words, only: balance_lines, closing_lines
   use compared_columns, only: compared_names
   use energy_balance, only: balance_watch
@@ -14,7 +14,7 @@ module accuracy_words
   use transient, only: transient_march
   implicit none (type, external)
   private
-  public :: accuracy_lines, asked_errors, setting_words
+  public :: accuracy_lines, asked_errors
 
   real(wp), parameter :: noticed = 1.0e-2_wp           !! error of a column, of its range [-]
   real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
@@ -131,14 +131,6 @@ contains
     where (.not. asked > 0.0_wp .or. index(names, '[-]') > 0) asked = huge(1.0_wp)
     if (allocated(run%model_error)) where (asked < huge(1.0_wp)) asked = max(asked - run%model_error, least_part*asked)
   end function asked_errors
-
-  !> Setting of a pass.
-  function setting_words(pass) result(words)
-    type(pass_record), intent(in) :: pass
-    character(:), allocatable :: words
-    words = ', tolerance '//to_text(pass%setting)
-    if (has_fixed_steps(pass%method)) words = ', step '//to_text(pass%setting)//' s'
-  end function setting_words
 
   !> How well the times of events are known, and up to when the sequences of both runs agree.
   subroutine event_words(run, c, within, text)

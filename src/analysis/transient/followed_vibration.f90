@@ -16,18 +16,15 @@ module followed_vibration
   private
 
   integer(ip), parameter :: first_look = 4096  !! accepted steps before the first look; twice as many before each next one
-  integer, parameter :: samples = 128          !! ends of steps of a look
-  integer, parameter :: most_apart = 16        !! steps between two of them
+  integer, parameter :: samples = 256          !! ends of steps of a look
   integer, parameter :: least_swings = 6       !! half periods within it
-  real(wp), parameter :: regular = 2.0_wp      !! longest half period, of the mean one [-]
+  real(wp), parameter :: regular = 3.0_wp      !! longest half period, of the mean one [-]
   real(wp), parameter :: noticed = 1.0e-3_wp   !! part of a column's range: the accuracy of a deck that asks for none [-]
 
   !> The watch, the look under way, and what was found.
   type, public :: vibration_watch
     logical :: active = .false.
-    integer(ip) :: begins = first_look         !! accepted steps at the start of a look
     integer(ip) :: next = first_look           !! accepted steps at the next sample
-    integer :: apart = 1                       !! steps between two samples
     integer :: count = 0                       !! samples of the look under way
     integer :: unknown = 0                     !! that limited the step when it began
     real(wp) :: t(samples) = 0.0_wp            !! [s]
@@ -38,9 +35,7 @@ module followed_vibration
     integer :: column = 0                      !! that shows most of the vibration that was found, 0: none was
     integer :: body = 0                        !! that it limited
     real(wp) :: frequency = 0.0_wp             !! [Hz]
-    real(wp) :: steps = 0.0_wp                 !! of a period [-]
     real(wp) :: share = 0.0_wp                 !! of the column's range [-]
-    real(wp) :: at = 0.0_wp                    !! [s]
   contains
     procedure :: begin
     procedure :: limit
@@ -68,65 +63,40 @@ contains
     if (self%active) most = int(max(1_ip, min(int(most, ip), self%next - steps)))
   end subroutine limit
 
-  !> Takes a sample, where one is due. Where too few swings are seen every second sample goes, and the look lasts twice as long.
+  !> Takes a sample, where one is due.
   subroutine look(self, run, method)
     class(vibration_watch), intent(inout) :: self
     type(run_state), intent(inout) :: run
     class(stepper), intent(in) :: method
-    integer :: n
-    real(wp) :: error                                   ! [unit of the unknown, or per second]
-    real(wp) :: dy(size(method%y))                      ! [of the state, per second]
+    real(wp) :: dy(size(method%y))             ! [of the state, per second]
     logical :: ok
     if (.not. self%active .or. method%steps < self%next) return
     if (.not. allocated(self%y)) self%y = method%y      ! a restart has none
     if (self%count == 0) self%unknown = 0
-    error = 0.0_wp
-    call method%limiting_error(self%y, self%unknown, error)
-    call run%sys%evaluate_on_manifold(method%t, self%y, dy, ok)
     self%count = self%count + 1
     self%t(self%count) = method%t
-    self%error(self%count) = error
+    self%error(self%count) = 0.0_wp
+    call method%limiting_error(self%y, self%unknown, self%error(self%count))
+    call run%sys%evaluate_on_manifold(method%t, self%y, dy, ok)
     call compared_row(run, self%y, self%values(:, self%count))
     call self%seen%note(self%values(:, self%count))
-    self%next = method%steps + self%apart
+    self%next = method%steps + 1
     ok = ok .and. self%unknown > 0 .and. self%unknown <= 2*run%sys%m%s%nq
     if (ok .and. self%count < samples) return
-    if (ok) call judge(self, run, n)
-    if (ok .and. n <= least_swings .and. self%apart < most_apart) then
-      self%count = samples/2
-      self%t(:self%count) = self%t(2::2)
-      self%error(:self%count) = self%error(2::2)
-      self%values(:, :self%count) = self%values(:, 2::2)
-      self%apart = 2*self%apart
-      return
-    end if
+    if (ok) call judge(self, run)
     self%count = 0
-    self%apart = 1
-    self%begins = max(2*self%begins, method%steps)
-    self%next = self%begins
+    self%next = 2*method%steps
     if (self%column > 0) call tell(run%d%path//': note: '//words(self, run))
-    if (self%column > 0) self%active = .false.
+    self%active = self%column == 0
   end subroutine look
 
-  !> The body of a coordinate or rate.
-  pure integer function body_of(run, unknown) result(body)
-    type(run_state), intent(in) :: run
-    integer, intent(in) :: unknown
-    associate (s => run%sys%m%s)
-      do body = size(s%bodies), 2, -1
-        if (1 + mod(unknown - 1, s%nq) > s%qo(body)) return
-      end do
-    end associate
-  end function body_of
-
-  !> Whether the samples show a vibration of which the columns show next to nothing; how often it swings through zero in them.
-  subroutine judge(self, run, n)
+  !> Whether the samples show a vibration of which the columns show next to nothing.
+  subroutine judge(self, run)
     class(vibration_watch), intent(inout) :: self
     type(run_state), intent(in) :: run
-    integer, intent(out) :: n
     real(wp), dimension(size(self%values, 1)) :: range, share   ! [of the column], [-]
     real(wp) :: zero(samples), half            ! times, mean half period [s]
-    integer :: k
+    integer :: k, n
     n = 0
     associate (t => self%t, x => self%error)
       do k = 2, samples
@@ -144,10 +114,8 @@ contains
     if (size(share) == 0 .or. maxval(range) <= 0.0_wp .or. any(share > noticed)) return
     self%column = maxloc(share, 1)
     self%share = share(self%column)
-    self%body = body_of(run, self%unknown)
+    self%body = count(run%sys%m%s%qo(:size(run%sys%m%s%bodies)) < 1 + mod(self%unknown - 1, run%sys%m%s%nq))
     self%frequency = 0.5_wp/half
-    self%steps = 2*half*self%apart*(samples - 1)/(self%t(samples) - self%t(1))
-    self%at = self%t(samples)
   end subroutine judge
 
   !> Signals less the polynomials that come closest to them. One of half as many degrees as a vibration has swings takes away what
@@ -179,9 +147,9 @@ contains
     character(80), allocatable :: names(:)
     names = compared_names(run)
     text = 'steps follow a vibration near'//es_text(self%frequency, 1)//' Hz of body "'// &
-           trim(run%sys%m%s%bodies(self%body)%name)//'",'//es_text(self%steps, 1)//' steps a period at t ='//es_text(self%at, 3)// &
-           ' s, of which no column shows more than'//es_text(self%share, 1)//' of its range ('//trim(names(self%column))// &
-           ' shows most); accuracy=1e-3 in place of method and tolerance need not follow it'
+           trim(run%sys%m%s%bodies(self%body)%name)//'", of which no column shows more than'//es_text(self%share, 1)// &
+           ' of its range ('//trim(names(self%column))//' shows most); accuracy=1e-3 in place of method and tolerance need not '// &
+           'follow it'
   end function words
 
   !> The same in the summary.
@@ -200,18 +168,14 @@ contains
     class(vibration_watch), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call a%exchange(self%active)
-    call a%exchange(self%begins)
+    if (.not. allocated(self%values)) return
     call a%exchange(self%next)
-    call a%exchange(self%apart)
     call a%exchange(self%count)
     call a%exchange(self%unknown)
     call a%exchange(self%column)
     call a%exchange(self%body)
     call a%exchange(self%frequency)
-    call a%exchange(self%steps)
     call a%exchange(self%share)
-    call a%exchange(self%at)
-    if (.not. allocated(self%values)) return
     call self%seen%exchange(a)
     if (self%count > 0) call a%exchange(self%t, self%error)
     if (self%count > 0) call a%exchange(self%values)

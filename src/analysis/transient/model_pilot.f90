@@ -20,18 +20,21 @@ module model_pilot
 
   real(wp), parameter :: most_work = 1.0e9_wp     !! of all pilots of a question: explicit evaluations times unknowns [-]
 
-  !> What a pilot has shown; errors are differences from the pilot of a better model.
+  !> What a pilot has shown; errors are told by the difference from the pilot of a better model.
   type, public :: pilot_result
     character(80), allocatable :: names(:)    !! of the columns
     type(pass_rows) :: rows
     real(wp), allocatable :: error(:)         !! (columns) [of the column]
     real(wp), allocatable :: range(:)         !! (columns) 0: rounding [of the column]
     real(wp), allocatable :: asked(:)         !! (columns) errors that the accuracy allows; huge: any [of the column]
+  contains
+    procedure :: worst
   end type pilot_result
 
   !> The pilots of one question.
   type, public :: pilot_series
     real(wp) :: tolerance = 0.0_wp            !! [-]
+    real(wp) :: factor = 1.0_wp               !! error of a model over its difference from the better one [-]
     integer(ip) :: began = 0                  !! count of the clock when the program began, for `most_seconds` alone
     integer :: count = 0
     real(wp) :: cost = 0.0_wp                 !! in explicit evaluations [-]
@@ -45,13 +48,25 @@ module model_pilot
 
 contains
 
-  !> No pilots yet.
-  subroutine begin(self, d, began)
+  !> The largest error over what a column may err by; huge: not known.
+  pure real(wp) function worst(self)
+    class(pilot_result), intent(in) :: self
+    worst = huge(1.0_wp)                      ! [-]
+    if (allocated(self%error)) worst = maxval(self%error/self%asked)
+  end function worst
+
+  !> No pilots yet. Their own errors have to be small beside what the columns may err by, and what left-out modes ring by must not be
+  !> damped.
+  subroutine begin(self, d, began, factor)
     class(pilot_series), intent(out) :: self
     type(deck), intent(in) :: d
     integer(ip), intent(in) :: began          !! count of the clock
-    self%tolerance = pilot_tolerance(d)
+    real(wp), intent(in) :: factor            !! error over the difference [-]
+    real(wp), parameter :: usual = 1.0e-6_wp, finer = 1.0e-2_wp, least = 1.0e-10_wp   ! [-]
+    self%tolerance = usual
+    if (d%transient%accuracy > 0.0_wp) self%tolerance = max(min(usual, finer*smallest_accuracy(d)), least)
     self%began = began
+    self%factor = factor
   end subroutine begin
 
   !> What they were for, as a heading.
@@ -60,17 +75,8 @@ contains
     character(*), intent(in) :: words
     type(summary_record), intent(inout) :: text
     call text%line('')
-    call text%line(words//' (radau, tolerance '//to_text(self%tolerance)//'):')
+    call text%line(words//', by pilots (radau, tolerance '//to_text(self%tolerance)//'):')
   end subroutine title
-
-  !> Tolerance of pilots: their own errors have to be small beside what the columns may err by, and what left-out modes ring by must
-  !> not be damped.
-  pure real(wp) function pilot_tolerance(d) result(tolerance)
-    type(deck), intent(in) :: d
-    real(wp), parameter :: usual = 1.0e-6_wp, finer = 1.0e-2_wp, least = 1.0e-10_wp   ! [-]
-    tolerance = usual                         ! [-]
-    if (d%transient%accuracy > 0.0_wp) tolerance = max(min(usual, finer*smallest_accuracy(d)), least)
-  end function pilot_tolerance
 
   !> Runs a pilot, after the static analysis where the deck has one; where it cannot be run to its end, fail says why.
   subroutine run_pilot(self, d, found, fail, reference)
@@ -115,6 +121,7 @@ contains
                                      budget=(most_work - self%work)/run%sys%m%s%ny)
       if (present(reference)) then
         search%rows = reference%rows
+        search%stored = 1
       else
         allocate (search%rows%values(size(found%names), 0:step_count(0.0_wp, d%transient%t_end, d%transient%output_step)))
       end if
@@ -130,7 +137,7 @@ contains
       found%rows = search%rows
     end associate
     if (.not. present(reference)) return
-    found%error = march%check%error
+    found%error = self%factor*march%check%error
     found%range = march%check%seen%moved(run%sys%m%s, found%names, d%transient%t_end)
     found%asked = asked_errors(run, march%check)
   end subroutine run_pilot

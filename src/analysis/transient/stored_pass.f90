@@ -9,7 +9,6 @@ module stored_pass
 
   !> A pass.
   type, public :: pass_rows
-    logical :: whole = .false.                !! a pass went to the end: all rows are known
     real(wp), allocatable :: values(:, :)     !! (columns, 0:outputs) [of the column]
     type(event_list) :: events                !! of that pass
     type(event_list) :: present               !! of the pass under way
@@ -55,7 +54,6 @@ contains
   !> The pass under way has come to its end.
   subroutine turn(self)
     class(pass_rows), intent(inout) :: self
-    self%whole = .true.
     self%events = self%present
     call self%forget()
   end subroutine turn
@@ -71,7 +69,6 @@ contains
   subroutine exchange(self, a)
     class(pass_rows), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%whole)
     call a%exchange(self%values)
     call self%events%exchange(a)
     call self%present%exchange(a)

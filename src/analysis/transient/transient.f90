@@ -113,7 +113,7 @@ contains
       call march%method%begin(run%sys, 0.0_wp, run%y)
       if (march%search%active) march%files%suffix = pass_suffix(march%search%count)
       associate (search => march%search)
-        if (search%rows%whole) call march%check%begin_stored(search%rows, search%passes(search%count)%role == witness)
+        if (search%stored > 0) call march%check%begin_stored(search%rows, search%passes(search%count)%role == witness)
       end associate
       if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
                                                   run%list%columns)
