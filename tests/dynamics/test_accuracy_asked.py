@@ -8,7 +8,8 @@ import subprocess
 import numpy as np
 import pytest
 from conftest import ROOT, Run, untimed
-from random_scenes import scene
+from random_scenes import scene, sensors
+from random_springs import random_springs
 
 PENDULUM = """&scene gravity=0.0,-9.81 /
 &body name='b' kind='rigid' mass=1.0 inertia=0.01 com=0.5,0.0 /
@@ -88,6 +89,15 @@ def test_damped_vibrations_are_left_to_radau_and_ringing_ones_followed(run_deck)
     assert error(ringing, truth) < 1e-2
 
 
+def test_a_finer_pass_takes_shorter_steps_where_stability_sets_them(run_deck):
+    """Else both passes of dopri5 err alike there."""
+    deck = BAR.format(damping="rayleigh_stiffness=1e-3", override="", words="accuracy=1e-2 method='dopri5'")
+    run = run_deck(deck.replace("t_end=0.02", "t_end=0.002"))
+    first, last = run.figures["accuracy"]["passes"]
+    assert last["tolerance"] == pytest.approx(0.31 * first["tolerance"])
+    assert run.transient["longest_step"] < 0.8 * 7 * 0.002 / first["cost"]
+
+
 @pytest.mark.parametrize("override", ["floor=100.0", "accuracy=0.9"])
 def test_a_sensor_may_ask_for_less(override, run_deck):
     """The reaction that rings does not rule the position any more."""
@@ -163,6 +173,14 @@ def test_what_a_fine_tolerance_costs_is_no_reason_to_change_the_method(run_deck)
     run = run_deck(drawn.text + f"&transient t_end={drawn.time / 8} accuracy=1e-7 /\n")
     assert [p[:2] for p in passes(run)] == [("pilot", "radau"), ("results", "dopri5"), ("results", "dopri5")]
     assert run.figures["accuracy"]["passes"][0]["reached"] < drawn.time / 8  # the pilot was given up
+    assert run.figures["accuracy"]["kept"]
+
+
+def test_a_coarse_pass_that_is_enough_costs_little(run_deck):
+    """radau is left by its cost alone: here dopri5 would need fifty times as much."""
+    text = random_springs(953834001)
+    run = run_deck(text + sensors(text) + "&transient t_end=0.0246 output_step=1.23e-4 accuracy=1e-2 /\n")
+    assert {p[1] for p in passes(run) if p[0] == "results"} == {"radau"}
     assert run.figures["accuracy"]["kept"]
 
 

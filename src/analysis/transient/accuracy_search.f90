@@ -185,20 +185,18 @@ contains
   pure subroutine set(self, r)
     class(pass_search), intent(in) :: self
     type(transient_record), intent(inout) :: r
-    integer :: k
-    associate (pass => self%passes(self%count))
+    real(wp) :: part                          ! tolerance, of the first one [-]
+    real(wp) :: cost                          ! of dopri5 where stability sets all steps [-]
+    associate (pass => self%passes(self%count), before => self%passes(:self%count - 1))
       r%method = pass%method
       r%adaptive = .not. has_fixed_steps(pass%method)
       r%tolerance = pass%setting
       r%step = pass%setting
       r%max_step = 0.0_wp
-      if (pass%method /= 'dopri5' .or. pass%role /= member .or. .not. self%explicit_cost > 0.0_wp) return
-      do k = self%count - 1, 1, -1
-        associate (first => self%passes(k))
-          if (first%method == 'dopri5' .and. first%role == member) r%max_step = (pass%setting/first%setting)**0.2_wp* &
-            step_evaluations*self%t_end/min(self%explicit_cost, first%cost)
-        end associate
-      end do
+      part = pass%setting/first_setting(self, pass%method)
+      cost = min(self%explicit_cost, minval(before%cost, before%method == 'dopri5' .and. before%role == member))
+      if (pass%method == 'dopri5' .and. cost > 0.0_wp .and. part < 1.0_wp) &
+        r%max_step = step_evaluations*self%t_end/cost*part**0.2_wp
     end associate
   end subroutine set
 
@@ -263,12 +261,12 @@ contains
     type(pass_record), intent(in) :: end      !! that pass as it has ended
     real(wp), intent(in) :: most_seconds      !! [s]
     self%passes(self%count) = end
+    if (end%role /= witness) self%witnessed = -1.0_wp
     if (end%role /= witness) self%stored = 0  ! rows were put over those of the pass before
     if (end%role /= witness .and. end%outcome == finished) then
       call self%rows%turn()
       self%stored = self%count
       self%delivered = self%count
-      self%witnessed = -1.0_wp
     end if
     call self%rows%forget()
     if (self%spent(0.0_wp, most_seconds)) then
@@ -427,11 +425,9 @@ contains
         call a%exchange(pass%differ_at)
       end associate
     end do
-    call a%exchange(self%witnessed)
     call a%exchange(self%stored)
     call a%exchange(self%delivered)
     call a%exchange(self%choice)
-    call a%exchange(self%reason)
     call self%found%exchange(a)
     call a%exchange(self%explicit_cost)
     call self%rows%exchange(a)
