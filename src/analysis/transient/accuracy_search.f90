@@ -252,7 +252,7 @@ contains
     if (pass%other > 0) then
       if (self%passes(pass%other)%method == pass%method) error = max(error, self%error_of(pass))
     end if
-    factor = (1/(1 + error))**(1/power(pass%method))   ! [-]
+    factor = max((1/(1 + error))**(1/power(pass%method)), farthest)   ! [-]
   end function finer
 
   !> Takes the end of the pass under way and decides on the next one, or ends the search.
