@@ -220,8 +220,8 @@ contains
     if (method == 'generalized_alpha') power = 1.0_wp
   end function power
 
-  !> Error of a pass over its difference from the one that it is compared with: two methods and two motions have errors of their own,
-  !> and so have passes whose differences do not fall as they should.
+  !> Error of a pass over its difference from the one that it is compared with: two methods and two motions have errors of their
+  !> own, and so have passes whose differences do not fall as they should.
   pure real(wp) function ratio(self, pass)
     class(pass_search), intent(in) :: self
     type(pass_record), intent(in) :: pass

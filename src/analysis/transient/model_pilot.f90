@@ -55,8 +55,8 @@ contains
     if (allocated(self%error)) worst = maxval(self%error/self%asked)
   end function worst
 
-  !> No pilots yet. Their own errors have to be small beside what the columns may err by, and what left-out modes ring by must not be
-  !> damped.
+  !> No pilots yet. Their own errors have to be small beside what the columns may err by, and what left-out modes ring by must not
+  !> be damped.
   subroutine begin(self, d, began, factor)
     class(pilot_series), intent(out) :: self
     type(deck), intent(in) :: d
