@@ -24,6 +24,7 @@ module model_choice
   integer, parameter :: most_modes = 60        !! of a body
   integer, parameter :: first_elements = 4     !! between two places, before a run has found how many it needs
   integer, parameter :: most_level = 256       !! elements between two places
+  integer, parameter :: least_level = 16       !! below which meshes that come no closer tell nothing: they carry no waves
   real(wp), parameter :: halving_error = 4/3.0_wp   !! error of a mesh over the change where errors fall by four [-]
   real(wp), parameter :: mesh_share = 0.25_wp  !! of what a column may err by that the mesh may take [-]
   real(wp), parameter :: modes_share = 0.5_wp  !! the same of left-out modes [-]
@@ -219,7 +220,7 @@ contains
         chosen = level
       end if
       good = kept%worst() <= mesh_share
-      if (good .or. maxval(level) == 4*maxval(chosen) .or. maxval(level) == most_level) exit
+      if (good .or. maxval(level) >= max(4*maxval(chosen), least_level) .or. maxval(level) == most_level) exit
       level = 2*level
     end do
     level = chosen
@@ -249,10 +250,10 @@ contains
       error = kept%error
     end if
     if (lost%happened()) words = words//': '//lost%message
-    if (kept%worst() > 1 - least_part .and. lost%status <= status_signal) &  ! more than its share may be: steps need no more
-      call add_warnings(text, d%path, 'warning: elements=''auto'': '//words// &
-                        trim(merge('                                    ', ' on meshes that no finer one betters', &
-                                   lost%happened()))//new_line('a'))
+    if (.not. lost%happened()) words = words//' on meshes that no finer one betters'
+    if (kept%worst() > 1 - least_part .and. lost%status <= status_signal) then   ! more than its share may be: steps need no more
+      call add_warnings(text, d%path, 'warning: elements=''auto'': '//words//new_line('a'))
+    end if
     call cost_line(pilots, 'mesh_', text)
   contains
     !> The deck with meshes of some levels.
@@ -310,8 +311,9 @@ contains
       call number_lines(d, 'modes', d%bodies%auto_modes, d%bodies%modes, text)
       if (.not. lost%happened()) call text%line('  as many modes as the mesh has would be needed, or more than '// &
                                      to_text(most_modes)//': nodal coordinates, or all modes with reference=''free''')
-      if (.not. (all(d%bodies%static_shapes .or. .not. d%bodies%auto_modes) .or. lost%happened())) &
+      if (any(d%bodies%auto_modes .and. .not. d%bodies%static_shapes) .and. .not. lost%happened()) then
         call text%line('  with static_shapes=.true. few may be enough')
+      end if
     end if
     if (allocated(missed%error)) call text%line('  fewer are not enough: '//worst_words(missed)//'; left-out modes may take '// &
                                                 to_text(modes_share))

@@ -140,9 +140,9 @@ contains
           end if
           if (pass%outcome == lost_pass) call text%words%add(', lost after t = '//short_text(pass%reached, 3)//' s')
           if (pass%outcome == given_up) call text%words%add(', given up at t = '//short_text(pass%reached, 3)//' s')
-          if (pass%role == witness .and. pass%apart < 0.0_wp .and. pass%outcome /= under_way) &
+          if (pass%role == witness .and. pass%outcome == given_up .and. pass%apart < 0.0_wp) then
             call text%words%add(', before its first row: it tells nothing')
-          if (pass%apart >= 0.0_wp) then
+          else if (pass%apart >= 0.0_wp) then
             call text%figure('; '//trim(names(pass%column))//' errs by ', 'worst_error_of_asked', search%error_of(pass), 1)
             call text%words%add(' of what is asked, by pass '//to_text(pass%other))
             call text%member('worst_column', json_text(trim(names(pass%column))))

@@ -18,6 +18,7 @@ module accuracy_search
   integer, parameter, public :: pilot = 1, member = 2, witness = 3
 
   integer, parameter :: most_passes = 16
+  integer, parameter :: most_slow = 3          !! passes in a row that come closer too slowly, after which none follows
   real(wp), parameter :: pilot_tolerance = 1.0e-3_wp   !! where the accuracy is finer [-]
   real(wp), parameter :: farthest = 1.0e-2_wp          !! ratio of settings up to which powers are believed [-]
   real(wp), parameter :: coarsest = 1.0e-2_wp          !! tolerance [-]
@@ -180,8 +181,8 @@ contains
     end do
   end function predicted_cost
 
-  !> Gives the transient the method and the setting of the pass under way. A finer pass of dopri5 takes shorter steps where stability
-  !> sets them, too: else both passes err alike there.
+  !> Gives the transient the method and the setting of the pass under way. A finer pass of dopri5 takes shorter steps where
+  !> stability sets them, too: else both passes err alike there.
   pure subroutine set(self, r)
     class(pass_search), intent(in) :: self
     type(transient_record), intent(inout) :: r
@@ -195,8 +196,8 @@ contains
       r%max_step = 0.0_wp
       part = pass%setting/first_setting(self, pass%method)
       cost = min(self%explicit_cost, minval(before%cost, before%method == 'dopri5' .and. before%role == member))
-      if (pass%method == 'dopri5' .and. cost > 0.0_wp .and. part < 1.0_wp) &
-        r%max_step = step_evaluations*self%t_end/cost*part**0.2_wp
+      if (pass%method /= 'dopri5' .or. .not. cost > 0.0_wp) return
+      if (part < 1.0_wp) r%max_step = step_evaluations*self%t_end/cost*part**0.2_wp
     end associate
   end subroutine set
 
@@ -317,9 +318,7 @@ contains
       else
         call add_first(self, 'dopri5', 'the next pass of radau would cost more than the stable step of dopri5 asks for')
       end if
-    else if (.not. falls_slowly(self, pass)) then
-      call add_finer(self, pass)
-    else if (.not. falls_slowly(self, self%passes(pass%other))) then
+    else if (slow_passes(self, pass) < most_slow) then
       call add_finer(self, pass)
     else if (pass%differ_at >= 0.0_wp) then
       call finish(self, .false., 'finer passes have other sequences of events: the motion cannot be predicted')
@@ -362,6 +361,20 @@ contains
       end associate
     end associate
   end function falls_slowly
+
+  !> How many passes in a row, the last one and those before it, fall slowly.
+  pure integer function slow_passes(self, pass) result(n)
+    class(pass_search), intent(in) :: self
+    type(pass_record), intent(in) :: pass     !! the finest
+    integer :: k
+    n = merge(1, 0, falls_slowly(self, pass))
+    k = pass%other
+    do while (n > 0 .and. k > 0)
+      if (.not. falls_slowly(self, self%passes(k))) return
+      n = n + 1
+      k = self%passes(k)%other
+    end do
+  end function slow_passes
 
   !> What a witness tells of the pass before it.
   subroutine hear(self, pass)
