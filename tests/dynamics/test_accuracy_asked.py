@@ -177,7 +177,7 @@ def test_what_a_fine_tolerance_costs_is_no_reason_to_change_the_method(run_deck)
 
 
 def test_a_coarse_pass_that_is_enough_costs_little(run_deck):
-    """radau is left by its cost alone: here dopri5 would need fifty times as much."""
+    """Cost alone ends a search by radau: here dopri5 would need fifty times as much."""
     text = random_springs(953834001)
     run = run_deck(text + sensors(text) + "&transient t_end=0.0246 output_step=1.23e-4 accuracy=1e-2 /\n")
     assert {p[1] for p in passes(run) if p[0] == "results"} == {"radau"}
