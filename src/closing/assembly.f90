@@ -43,7 +43,7 @@ contains
     do k = self%s%joints + 1, self%s%permanent
       call self%s%constraints(k)%item%init_from_assembly(ev%p)
     end do
-    call close_positions(self, ev, q, v, report, fail)    ! a relative drive may begin beside the assembled value
+    call close_positions(self, ev, q, v, report, fail)    ! a relative drive may begin with another value than the assembled one
     if (fail%happened()) return
     call warn_of_motion(self, ev, q, report)
     do k = 1, self%s%joints
@@ -83,8 +83,8 @@ contains
     end do
   end subroutine refuse_friction
 
-  !> Refuses an assembled scene in which the two markers whose line gives a joint or force its direction coincide, by name;
-  !> tells what is worth it of the others.
+  !> Two markers whose line gives a joint or force its direction may coincide in the assembled scene. Refuses that, by name, or
+  !> warns where it is allowed.
   subroutine require_directions(self, ev, gap, report, fail)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev

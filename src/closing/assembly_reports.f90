@@ -1,4 +1,4 @@
-!> What assembly found, and the sentences that say so.
+!> Results of assembly, and the sentences that report them.
 module assembly_reports
   use kinds, only: wp
   use evaluation_results, only: evaluation
@@ -11,14 +11,14 @@ module assembly_reports
   character(*), parameter, public :: too_uneven = 'the masses along the joints are too uneven for double precision (heavy '// &
                                                   'bodies that hang on light ones, beyond ratios of about 1e15 in all)'
 
-  !> What assembly found.
+  !> Results of assembly.
   type :: assembly_report
     integer :: rank = 0                             !! independent constraint rows
     integer :: freedoms = 0                         !! degrees of freedom
     logical, allocatable :: dependent(:)            !! (constraints) takes part in a redundant set
     character(:), allocatable :: warnings(:)        !! one sentence each
     logical :: open = .false.                       !! positions that close all joints were not found
-    integer :: culprit = 0                          !! what a failure names first: joints, drives, springs, loads; 0: nothing
+    integer :: culprit = 0                          !! number of the element that a failure names first; 0: none
     integer :: newton = 0                           !! position steps taken
   end type assembly_report
 
@@ -37,7 +37,7 @@ contains
     call move_alloc(longer, report%warnings)
   end subroutine add_warning
 
-  !> The joint or drive that uneven masses weaken most at the last evaluation, 0: none.
+  !> The joint or drive whose row loses most digits by uneven masses at the last evaluation, 0: none.
   pure integer function weakest_constraint(self, ev) result(k)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev

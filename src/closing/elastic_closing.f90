@@ -1,5 +1,5 @@
-!> Closes what the frames leave open by a little, by bending flexible bodies: a loop of flexible bodies with more joints or drives
-!> than its frames have motions meets only as far as the digits of the deck do. Newton steps of least strain energy,
+!> Closes small gaps that the frames leave, by bending flexible bodies. A loop of flexible bodies may have more joints or drives
+!> than its frames have motions: it closes only to the digits of the deck. Newton steps of least strain energy,
 !>
 !>   [K + s M  J^T] [x ]   [ 0 ]
 !>   [J        0  ] [mu] = [-Phi]

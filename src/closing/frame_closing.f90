@@ -1,6 +1,6 @@
-!> Corrections of positions by the frames alone, elastic coordinates held: Phi_r Mc^-1 Phi_r^T mu = Phi with the condensed
-!> masses Mc of the last evaluation. A mass-orthogonal correction would also move elastic coordinates. A stiff one
-!> answers with omega^2 times as much acceleration: rounding of positions, 1e-16 m, becomes 1e-6 m/s2 at 1e5 rad/s in every step.
+!> Corrections of positions by the frames alone, elastic coordinates fixed: Phi_r Mc^-1 Phi_r^T mu = Phi with the condensed masses
+!> Mc of the last evaluation. A mass-orthogonal correction would also move elastic coordinates. A stiff one then accelerates by
+!> omega^2 times its correction: rounding of positions, 1e-16 m, becomes 1e-6 m/s2 at 1e5 rad/s in every step.
 !> Frames have no stiffness. Where they cannot close the joints well (a beam held at both ends, positions near a singular one), the
 !> mass-orthogonal correction is used.
 module frame_closing
@@ -38,7 +38,7 @@ contains
     call ev%closing%factor_strong(usable)
   end subroutine prepare_frames
 
-  !> Moves the frames so that the joints, open by phi, close to first order.
+  !> Moves the frames so that the gaps phi of the joints close to first order.
   subroutine close_frames(self, ev, phi, q)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev

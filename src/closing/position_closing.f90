@@ -1,5 +1,5 @@
 !> Closes the mechanism's positions (input/README.md, "Analyses"): Newton steps of least motion of the frames, elastic coordinates
-!> held.
+!> fixed.
 module position_closing
   use kinds, only: wp
   use assembly_reports, only: assembly_report, add_warning, open_joints
@@ -19,7 +19,7 @@ module position_closing
   integer, parameter :: most_newton = 200
   real(wp), parameter :: closed = 1.0e-12_wp        !! |Phi| of a closed mechanism, relative to the scene's size [-]
   real(wp), parameter :: small = 1.0e-5_wp          !! |Phi| that bending may close: rounded decks; relative to the size [-]
-  real(wp), parameter :: far = 0.05_wp              !! motion of a frame that is worth a warning, relative to the size [-]
+  real(wp), parameter :: far = 0.05_wp              !! motion of a frame above which a warning is given, relative to the size [-]
 
 contains
 

@@ -16,7 +16,7 @@ module projection
   integer, parameter :: most_passes = 30             !! corrections before giving up
   real(wp), parameter :: position_goal = 2.0e-15_wp  !! |Phi| wanted, relative to the scene's size [-]
   real(wp), parameter :: rate_goal = 4.0e-15_wp      !! |Phi'| wanted, relative to the fastest marker [-]
-  real(wp), parameter :: accepted = 1.0e-12_wp       !! |Phi| that still counts as met [-]
+  real(wp), parameter :: accepted = 1.0e-12_wp       !! |Phi| that still counts as closed [-]
   real(wp), parameter :: turned = 16*epsilon(1.0_wp) !! likewise, for each radian that a body has turned: its angle is rounded
   real(wp), parameter :: nearly = 1.0e-4_wp          !! |Phi| from which weak pivots are tried at a nearly singular position [-]
   real(wp), parameter :: hopeless = 1.0e6_wp         !! |Phi| from which no correction is tried [-]
@@ -37,7 +37,7 @@ contains
     call project_positions(self, ev, options, t, q, v, z, zd, ok)
     if (.not. ok) return
     if (determined(self) .and. .not. any(abs(ev%rows%phi_t) > 0.0_wp)) then
-      v = 0.0_wp                             ! joints and drives at rest leave no freedom, also in singular positions
+      v = 0.0_wp                             ! joints and drives at rest allow no motion, also in singular positions
       return
     end if
     call project_velocities(self, ev, q, v)
@@ -150,7 +150,7 @@ contains
     velocity = largest(self%s%rows, ev%schur%r)
   end subroutine violations
 
-  !> The constraints that are open at the last state looked at, the worst first, in words; how far the worst is [m].
+  !> Names of the constraints that are open at the last evaluated positions, the worst first, and the largest gap [m].
   subroutine open_constraints(self, ev, names, worst)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(in) :: ev

@@ -39,7 +39,7 @@ contains
     call condense_geometry(self, ev)
     call ev%schur%weak_rows(redundant, weak)
     report%rank = count(.not. weak)
-    weak(self%s%permanent_rows + 1:) = .false.       ! they hold nothing yet
+    weak(self%s%permanent_rows + 1:) = .false.       ! rows that switch are still off
     report%freedoms = self%s%nq - report%rank
     if (.not. any(weak)) return
     self%redundant = stays_redundant(self, ev, q, v)
@@ -55,8 +55,8 @@ contains
     end do
   end subroutine count_freedoms
 
-  !> Whether rows also depend on others a little away from the start. Otherwise the start is only a singular position. The way leads
-  !> along the velocities or, at rest, along a motion that the constraints allow.
+  !> Whether rows also depend on others a little away from the start. Otherwise the start is only a singular position. The test
+  !> position lies along the velocities or, at rest, along a motion that the constraints allow.
   logical function stays_redundant(self, ev, q, v) result(yes)
     type(mechanism_model), intent(inout) :: self
     type(evaluation), intent(inout) :: ev

@@ -15,11 +15,11 @@ module singular
 
   real(wp), parameter :: largest_turn = 5.0e-3_wp   !! largest turn of a body to the neighbouring states [rad]
   real(wp), parameter :: steady = 0.05_wp       !! largest change of velocities on the way, relative to the velocities [-]
-  integer, parameter :: rounds = 3              !! times that the accelerations which lead there are improved
+  integer, parameter :: rounds = 3              !! improvements of the accelerations that lead to these states
   real(wp), parameter :: offsets(4) = [-1.0_wp, 1.0_wp, -2.0_wp, 2.0_wp]               !! of the states, in steps [-]
   real(wp), parameter :: weights(4) = [4.0_wp, 4.0_wp, -1.0_wp, -1.0_wp]/6.0_wp        !! fourth-order mean [-]
 
-  !> What the branch of motion decides.
+  !> Values of the branch of motion.
   type :: branch_values
     real(wp), allocatable :: a(:)               !! (nq) accelerations [m/s2, rad/s2]
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
@@ -94,8 +94,8 @@ contains
                                           any(abs(ev%rows%acceleration_bias) > 0.0_wp))
   end function at_rest
 
-  !> Whether the motion passes through, its accelerations being small enough. Where drives leave no freedom it may come to
-  !> rest there instead, with accelerations that grow beyond all bounds, which the minimum-norm solution does not show.
+  !> Whether the motion passes through: its accelerations are small enough. Where drives leave no freedom it may come to rest there
+  !> instead. Its accelerations then grow without bound, which the minimum-norm solution does not show.
   logical function passes(m, ev, options, t, q, v, z, zd, rate, most) result(yes)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev

@@ -17,7 +17,7 @@ module velocity_closing
   public :: close_velocities
 
   real(wp), parameter :: stiff_weight = 1.0e3_wp    !! weight of stated velocities when they must be corrected [-]
-  integer, parameter :: rounds = 8                  !! each brings the corrections of stated ones nearer to the least ones
+  integer, parameter :: rounds = 8                  !! after each the corrections of stated ones are nearer to the least ones
 
 contains
 
@@ -26,8 +26,8 @@ contains
   !> 2. stated velocities corrected as well, by the frames alone;
   !> 3. as 1, with the elastic rates;
   !> 4. as 2, with the elastic rates.
-  !> A correction takes several rounds. In each the others start from where the last round left them, so that at the end stated
-  !> velocities change only by what the others cannot do. Then the others follow the corrected ones.
+  !> A correction takes several rounds. In each the others start from the result of the last round. At the end stated velocities
+  !> have changed only where the others cannot satisfy the rows. Then the others follow the corrected ones.
   subroutine close_velocities(self, ev, q, v, report, fail)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
@@ -57,7 +57,7 @@ contains
         if (worst <= goal) v = merge(v, start, self%s%stated)
       end if
       call correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked=.true.)
-      if (worst <= goal .or. beyond_digits) exit      ! rounding and a contradiction look alike there
+      if (worst <= goal .or. beyond_digits) exit      ! rounding cannot be told from a contradiction there
     end do
     call evaluate_start(self, ev, q, v)
     if (worst > goal .and. uneven) then
@@ -134,7 +134,7 @@ contains
           weight = merge(sqrt(stiff_weight), 1.0_wp, self%s%stated(i + k))
           m(k, :) = m(k, :)*weight
           m(:, k) = m(:, k)*weight
-          where (self%s%stated(i + 1:i + 3) .neqv. self%s%stated(i + k)) m(:, k) = 0.0_wp   ! others count nothing in the end
+          where (self%s%stated(i + 1:i + 3) .neqv. self%s%stated(i + k)) m(:, k) = 0.0_wp   ! others have no weight in the end
         end do
         call factor_masked(m, [.false., .false., .false.], ev%frame%l(:, b), ev%frame%dinv(:, b))
       else

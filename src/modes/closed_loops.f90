@@ -1,6 +1,6 @@
-!> Controllers in linear algebra, about an evaluated state (theory.md, section 14): T(s) is that of open loops, and a loop of the
-!> controller c, with the transfer function H_c, from what it senses, g_c(s).x, to the forces that obey it, b_c, adds
-!> -H_c b_c g_c^T. Responses are closed by that (Woodbury), all poles are eigenvalues of the whole system of first order.
+!> Controllers in linear algebra, about an evaluated state (theory.md, section 14). T(s) is that of open loops. Controller c has the
+!> transfer function H_c from the sensed quantity, g_c(s).x, to its forces b_c: closing its loop adds -H_c b_c g_c^T. Responses of
+!> closed loops follow by Woodbury's formula, all poles as eigenvalues of the whole system of first order.
 module closed_loops
   use kinds, only: wp
   use controller, only: controller_model
@@ -37,7 +37,7 @@ module closed_loops
 
 contains
 
-  !> The loops about an evaluated state; none without controllers that a force obeys.
+  !> The loops about an evaluated state; none where no force follows a controller.
   subroutine build(self, m, ev, v)
     class(loop_system), intent(out) :: self
     type(mechanism_model), intent(in) :: m
@@ -64,7 +64,7 @@ contains
       end select
     end do
   contains
-    !> Adds what a marker's place and rate show of the unknowns and their rates.
+    !> Adds a marker's position and rate as functions of the unknowns and their rates.
     subroutine add_motion(marker, by_place, by_rate, place, rate)
       integer, intent(in) :: marker
       real(wp), intent(in) :: by_place(3), by_rate(3)  !! [-], [m], [1/s]
@@ -89,7 +89,7 @@ contains
     end subroutine add_force
   end subroutine build
 
-  !> What each controller senses of the motions that unit outputs make at the s that is factored: G, and the motions.
+  !> Motions by unit outputs at the s that is factored, and G: what each controller senses of them.
   subroutine find_responses(self, ds, s, g, motion)
     class(loop_system), intent(in) :: self
     type(stiffness_system), intent(inout) :: ds
@@ -155,8 +155,8 @@ contains
     l = -self%law(c)%response(self%side(c), s)*y(c)
   end function opened
 
-  !> All poles of the closed loops, all of them or with one opened, those with Im >= 0 by ascending modulus; ok is false where the
-  !> eigenvalues do not converge, and states tells how many there are, of more than `most_states` none is computed.
+  !> All poles with all loops closed, or with one opened: those with Im >= 0 by ascending modulus. ok is false where the eigenvalues
+  !> do not converge. The number of states is returned; above `most_states` no pole is computed.
   subroutine poles(self, ds, opened, lambda, states, ok)
     class(loop_system), intent(in) :: self
     type(stiffness_system), intent(inout), target :: ds

@@ -26,7 +26,7 @@ module complex_modes
   real(wp), parameter :: rounding_part = 1.0e-10_wp    !! real or imaginary part that is rounding, over the modulus [-]
   real(wp), parameter :: beside = 1.0e-4_wp            !! imaginary part of a second start, over the real one [-]
   real(wp), parameter :: least_share = 0.5_wp          !! share of its motion beyond which a pole belongs to modes [-]
-  real(wp), parameter :: least_response = 1.0e-4_wp    !! of a response that the basis does not hold yet, over its size [-]
+  real(wp), parameter :: least_response = 1.0e-4_wp    !! part of a response outside the basis that is added, over its size [-]
   real(wp), parameter :: searched_share = 0.1_wp       !! likewise of an estimate [-]
 
   !> What the search for poles works with.
@@ -129,7 +129,7 @@ contains
   end subroutine undamped_starts
 
   !> Appends the responses to forces that damp the modes asked for: those of each viscoelastic material, of viscous damping and of
-  !> gyroscopic terms in the shape of each mode. Poles consist of these motions, too, and a few natural modes hardly hold them.
+  !> gyroscopic terms in the shape of each mode. Poles consist of these motions, too, and a few natural modes hardly contain them.
   subroutine add_responses(ds, omega2, asked, x)
     type(stiffness_system), intent(inout), target :: ds
     real(wp), intent(in) :: omega2(:)                  !! (p) squared frequencies [rad2/s2]
@@ -227,7 +227,7 @@ contains
     type(pole_search), intent(in) :: s
     type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
-    integer :: j, k, part                              ! a mode is in the part of the motion that it holds most of
+    integer :: j, k, part                              ! a mode belongs to the part in which it has its largest share
     logical :: vibrates
     do j = 1, s%listed
       if (caught_signal() > 0) return
@@ -237,15 +237,15 @@ contains
       call follow_damping(ds, 0.0_wp, 1.0_wp, merge(1.0_wp, short_step, count(s%model%label == part) == 1), pole, vibrates)
       if (.not. vibrates) cycle
       k = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode)
-      if (k > 0) then                                  ! another mode has this vibration: are they one without damping, too?
+      if (k > 0) then                                  ! another mode has this vibration: are both one without damping, too?
         if (.not. ended_near(s%starts(j), s%starts(modes%mode(k)))) cycle
       end if
       call modes%add(vibration_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 1.0_wp), pole%x)
     end do
   end subroutine list_vibrations
 
-  !> Whether a vibrating pole belongs to a mode that is not asked for. Its damping is taken away step by step: at the end it
-  !> is none of the modes asked for, or one that has its vibration already.
+  !> Whether a vibrating pole belongs to a mode that is not asked for. Its damping is reduced to zero step by step: at the end it is
+  !> none of the modes asked for, or one whose vibration is already listed.
   logical function belongs_to_other_mode(ds, s, modes, pole) result(yes)
     type(stiffness_system), intent(inout) :: ds
     type(pole_search), intent(in) :: s
@@ -260,8 +260,8 @@ contains
     end do
   end function belongs_to_other_mode
 
-  !> The other poles of the modes that are asked for: a pole belongs to these modes where they together hold more than half of its
-  !> motion, by modal masses, and among them to the one that holds most. That needs no modes beside them, and is so for any number
+  !> The other poles of the modes that are asked for. A pole belongs to these modes if they together have more than half of its
+  !> motion, by modal masses; among them it belongs to the one with the largest share. That needs no further modes, for any number
   !> of materials.
   subroutine list_others(ds, s, modes)
     type(stiffness_system), intent(inout) :: ds
@@ -350,7 +350,7 @@ contains
     complex(wp), intent(in) :: x(:)                    !! (n) shape [m, rad]
     type(pole_state), intent(out) :: pole
     real(wp), intent(out) :: residual                  !! [-]
-    logical, intent(out) :: settled                    !! it ended at a pole
+    logical, intent(out) :: settled                    !! the search ended at a pole
     pole = start_pole(ds, lambda, x)
     call refine_pole(ds, 1.0_wp, pole_change, pole, settled)
     if (.not. (settled .or. abs(lambda%im) > 0.0_wp)) then
@@ -364,7 +364,7 @@ contains
     settled = settled .and. residual <= largest_residual
   end subroutine search
 
-  !> Whether a search has ended at a rigid motion, whose pole rounding alone keeps from zero.
+  !> Whether a search has ended at a rigid motion, whose pole is zero but for rounding.
   logical function is_rigid(ds, pole) result(yes)
     type(stiffness_system), intent(in) :: ds
     type(pole_state), intent(in) :: pole
@@ -404,7 +404,7 @@ contains
     mx = y(1:ds%n)
   end function momentum
 
-  !> The share of a motion that the modes asked for hold, by its modal masses.
+  !> The share of a motion in the modes asked for, by its modal masses.
   real(wp) function share_of(ds, s, x) result(share)
     type(stiffness_system), intent(in) :: ds
     type(pole_search), intent(in) :: s

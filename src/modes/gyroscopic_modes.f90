@@ -118,7 +118,8 @@ contains
     if (rigid > 0) call correct_rigid_motions(ds, turned, rigid)
   end subroutine rigid_motions_first
 
-  !> x - T(s)^-1 K x for the rigid motions: what other motions are left in them goes. Dampers would make poles near zero of it.
+  !> x - T(s)^-1 K x for the rigid motions: it removes the rest of other motions in them, of which dampers would make poles near
+  !> zero.
   subroutine correct_rigid_motions(ds, x, rigid)
     type(stiffness_system), intent(inout), target :: ds
     real(wp), intent(inout) :: x(:, :)                 !! (n, p) mass-orthonormal, the rigid motions first [1/sqrt(kg)]
@@ -152,7 +153,7 @@ contains
     end do
   end subroutine correct_rigid_motions
 
-  !> A rate between what is rounding and the lowest frequency.
+  !> A rate above rounding and below the lowest frequency.
   function shift_of_rigid_motions(ds, x) result(shift)
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:, :)                    !! (n, p) mass-orthonormal [1/sqrt(kg)]

@@ -18,12 +18,12 @@ module mode_list
     complex(wp), allocatable :: lambda(:)              !! pole [1/s]
     real(wp), allocatable :: residual(:)               !! of T x, relative to the sum of its parts [-]
     complex(wp), allocatable :: x(:, :)                !! (n, count) shapes [m, rad, of any size]
-    logical, allocatable :: matched(:)                 !! it is the pole of the reduced system that was searched
+    logical, allocatable :: matched(:)                 !! it matches a pole of the reduced system
     complex(wp), allocatable :: unfound(:)             !! undamped modes asked for and not found, nearly [1/s]
     integer :: unsettled = 0                           !! searches for further poles that did not end at one
-    integer :: missing_undamped = 0                    !! modes that the count misses in the list
+    integer :: missing_undamped = 0                    !! modes that are counted and not in the list
     integer :: missing = 0                             !! poles that the list lacks though all eigenvalues were computed
-    logical :: counted = .true.                        !! false: rounding hides how many undamped modes there are
+    logical :: counted = .true.                        !! false: undamped modes cannot be counted for rounding
     character(:), allocatable :: note_undamped         !! sentence on completeness
     character(:), allocatable :: note_damped           !! likewise
   contains

@@ -51,7 +51,7 @@ contains
     allocate (omega2(spanned), x(ds%n, spanned), forces(ds%n, spanned))
     if (p == 0) return
     op%ds => ds
-    noise = highest_ratio(ds)                          ! a shift that is small beside it makes K regular where motions are rigid
+    noise = highest_ratio(ds)                          ! a shift much smaller than it makes K regular where motions are rigid
     call op%set_shift(merge(small_shift*noise, 1.0_wp, noise > 0.0_wp))
     noise = epsilon(1.0_wp)*op%shift/small_shift       ! rounding of the largest frequencies [rad2/s2]
     if (ds%n <= small .or. 2*spanned > freedoms) then

@@ -1,5 +1,5 @@
 !> Whether the list of modes and poles is complete:
-!>   all eigenvalues computed: it is, and says so;
+!>   all eigenvalues computed: it is complete;
 !>   a larger symmetric system: its undamped modes are counted;
 !>   poles of a larger system: those of the modes that are asked for.
 module pole_check
@@ -98,7 +98,7 @@ contains
   end subroutine check_whole
 
   !> A larger system is searched for the poles of the modes that are asked for. With gyroscopic terms rigid motions take part in all
-  !> relaxations of a material, a crowd of poles of which some are found.
+  !> relaxations of a material: many poles lie close together, and only some are found.
   subroutine describe_searched(symmetric, modes)
     logical, intent(in) :: symmetric                   !! the undamped system
     type(mode_set), intent(inout) :: modes

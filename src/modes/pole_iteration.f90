@@ -108,7 +108,7 @@ contains
       call iterate(ds, pole%x, .false., tolerance, ok)
       if (ok .and. ds%symmetric) pole%y = pole%x
       if (ok .and. .not. ds%symmetric) call iterate(ds, pole%y, .true., tolerance, ok)
-      if (.not. ok) then                               ! singular to the last bit: a little beside the pole
+      if (.not. ok) then                               ! singular to the last bit: try a little beside the pole
         pole%lambda = before*(1.0_wp + 1.0e-10_wp)
         cycle
       end if

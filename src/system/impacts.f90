@@ -1,11 +1,11 @@
-!> Rigid stops that bodies come to, rest on or leave: what velocities do there, and which stops are closed then (theory.md, section
-!> 10). An impact takes no time: positions stand, velocities jump by impulses of the stops, of the joints and of the drives, through
-!> the mass matrix. With u the speeds at which stops open and W = J M^-1 J^T with the joints held, the impulses L of all stops that
-!> are met at once solve (Newton's restitution in the form of Moreau and Glocker)
+!> Rigid stops that bodies hit, rest on or leave: velocities after the impact, and which stops are closed then (theory.md, section
+!> 10). An impact takes no time: positions stay, velocities jump by impulses of the stops, of the joints and of the drives. With u
+!> the speeds at which stops open and W = J M^-1 J^T under the joints, the impulses L of all stops that are hit at once solve
+!> (Newton's restitution in the form of Moreau and Glocker)
 !>
 !>   u+ + e u- = W L + (1 + e) u- >= 0,   L >= 0,   (u+ + e u-).L = 0
 !>
-!> Stops at which nothing moves any more are closed where the same problem of accelerations and forces says that they are pressed:
+!> Stops at which nothing moves any more are closed if the same problem of accelerations and forces has a pressing force for them:
 !> x'' = W f + x''(free) >= 0, f >= 0, x''.f = 0.
 module impacts
   use kinds, only: wp
@@ -29,7 +29,7 @@ module impacts
   public :: pass_impacts, close_entered
 
   real(wp), parameter :: least_rebound = 1.0e-11_wp   !! next height below which a stop closes, of the scene's size [-]
-  real(wp), parameter :: immovable = 1.0e-10_wp       !! what a unit force moves, over what it moves without joints or others [-]
+  real(wp), parameter :: immovable = 1.0e-10_wp       !! acceleration by a unit force that is zero, over that without joints [-]
   real(wp), parameter :: entered = 1.0e-12_wp         !! a penetration that is not rounding, of the scene's size [-]
   real(wp), parameter :: stopped = 1.0e-13_wp         !! a rate so small is zero, sizes a second [1/s]
   real(wp), parameter :: at_rest = 1.0e-12_wp         !! an acceleration so small is none, of the largest of all rows [-]
@@ -40,7 +40,7 @@ module impacts
     integer :: conflict = 0                   !! number of a stop that drives or other stops press beyond its limit; 0: none
     real(wp), allocatable :: lost(:)          !! (switching elements) energy [J]
     real(wp), allocatable :: impulse(:)       !! (switching elements) largest of this pass [N s] or [N m s]
-    real(wp), allocatable :: flight(:)        !! (switching elements) until it is met again, as far as this moment tells [s]
+    real(wp), allocatable :: flight(:)        !! (switching elements) estimated time until it is hit again [s]
     real(wp) :: work = 0.0_wp                 !! of drives [J]
     real(wp), allocatable :: integrated(:)    !! energies of the sources that sensors integrate [J]
   end type impact_result
@@ -50,20 +50,20 @@ module impacts
     integer :: n = 0
     integer, allocatable :: element(:), place(:), row(:)   !! numbers among the elements and the rows that switch, and of the row
     integer, allocatable :: side(:)           !! 1 upper limit, -1 lower one
-    logical, allocatable :: fallen(:)         !! its root has: it is met, or it was closed and lets go
+    logical, allocatable :: fallen(:)         !! its root has fallen: it is hit, or it was closed and its force ends
     logical, allocatable :: closed(:)         !! so far
     real(wp), allocatable :: e(:)             !! restitution [-]
     real(wp) :: still = 0.0_wp                !! a speed so small is rounding [m/s]
     real(wp), allocatable :: response(:, :)   !! (nq, n) velocities by a unit impulse of each [1/kg, 1/(kg m)]
     real(wp), allocatable :: joints(:, :)     !! (rows, n) impulses of the joints and drives by it [-]
     real(wp), allocatable :: w(:, :)          !! (n, n) opening speeds by it [1/kg]
-    real(wp), allocatable :: alone(:)         !! (n) its own with all joints released [1/kg]
+    real(wp), allocatable :: alone(:)         !! (n) own opening speeds by it without joints [1/kg]
   end type contact_set
 
 contains
 
-  !> Passes all rigid stops that are touched at a state, some of which may have just been met: velocities, states, events. The
-  !> projection that follows takes what rates are left at stops that close.
+  !> Passes all rigid stops that are touched at a state, some of which may have just been hit: velocities, states, events. The
+  !> projection that follows sets the rates at stops that close to zero.
   subroutine pass_impacts(m, ev, at, fallen, list, x)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -165,7 +165,7 @@ contains
     c%still = root_rounding*fastest(m, ev)
   end subroutine find_contacts
 
-  !> What unit impulses of the touched stops do, with the factors of an evaluation in which their rows are off.
+  !> Velocities by unit impulses of the touched stops, with the factors of an evaluation in which their rows are off.
   subroutine find_responses(m, ev, c)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -190,14 +190,14 @@ contains
       c%w(:, i) = -c%side*motion(c%row)
     end do
     c%w = 0.5_wp*(c%w + transpose(c%w))
-    do i = 1, c%n                             ! what drives hold is held, whatever rounding says
+    do i = 1, c%n                             ! what drives hold does not move: the rest is rounding
       if (c%w(i, i) > immovable*c%alone(i)) cycle
       c%w(i, :) = 0.0_wp
       c%w(:, i) = 0.0_wp
     end do
   end subroutine find_responses
 
-  !> Impacts, until no stop is met any more: what an impact at one of them does may bring bodies to another one.
+  !> Impacts, until no stop is hit any more: an impact at one of them may drive bodies against another one.
   subroutine strike(m, ev, t, q, v, c, list, x)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -243,7 +243,7 @@ contains
     end subroutine add_work
   end subroutine strike
 
-  !> Joints with friction that move after an impact slip as they do, also those that stuck before.
+  !> Joints with friction that move after an impact slip in that direction, also those that stuck before.
   subroutine slip_as_struck(m, ev)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -306,7 +306,7 @@ contains
       end associate
     end do
   contains
-    !> What the row of a closed stop keeps [m].
+    !> Position at which the row of a closed stop holds [m].
     real(wp) function limit_of(k, side) result(limit)
       integer, intent(in) :: k, side
       limit = 0.0_wp
@@ -316,7 +316,7 @@ contains
       end select
     end function limit_of
 
-    !> Whether closed stops keep stop i from moving, so that it has nothing to carry.
+    !> Whether closed stops keep stop i from moving, so that it needs no force.
     logical function carried(i) result(yes)
       integer, intent(in) :: i
       real(wp), allocatable :: w(:, :), x(:, :)
@@ -334,7 +334,7 @@ contains
     end function carried
   end subroutine close_stops
 
-  !> What the chosen stops push with, so that none of them is entered: W x + b >= 0, x >= 0, one of both zero.
+  !> Impulses or forces of the chosen stops that let none of them be entered: W x + b >= 0, x >= 0, one of both zero.
   subroutine push(c, chosen, b, x, solved)
     type(contact_set), intent(in) :: c
     logical, intent(in) :: chosen(:)
@@ -349,7 +349,7 @@ contains
     x = unpack(part, chosen, spread(0.0_wp, 1, c%n))
   end subroutine push
 
-  !> Notes a new state. Where an impact has just led to it without a rebound, that is one event.
+  !> Notes a new state. An impact without a rebound and the state after it are one event.
   subroutine note(list, date, t, element, from, to)
     type(event_list), intent(inout) :: list
     real(wp), intent(in) :: date, t           !! of the event; now [s]

@@ -1,6 +1,6 @@
-!> What the summary says of elements that switch: their events by the state that they led to, first and last, and of contacts the
-!> largest force and penetration and the fewest steps. Steps are seen between their ends by the cubics that have the penetration
-!> and its rate there.
+!> Figures of the summary about elements that switch: their events by the state after them, first and last, and of contacts the
+!> largest force and penetration and the fewest steps. Between the ends of a step the penetration follows the cubic with the values
+!> and rates at both ends.
 module switch_tally
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -16,18 +16,18 @@ module switch_tally
   type, public :: element_tally
     integer(ip) :: touched(2) = 0             !! at the upper and lower limit
     integer(ip) :: opened = 0
-    integer(ip) :: let_go = 0                 !! touching still, but nothing acts
+    integer(ip) :: let_go = 0                 !! still touching, but without force
     integer(ip) :: pressed = 0                !! acts again
     real(wp) :: first = 0.0_wp, last = 0.0_wp !! times of the first and the last one [s]
     real(wp) :: force = 0.0_wp                !! largest [N] or [N m]
     real(wp) :: depth = 0.0_wp                !! largest penetration [m] or [rad]
     real(wp) :: impulse = 0.0_wp              !! of rigid stops: largest [N s] or [N m s]
     integer :: steps = 0                      !! of the present contact
-    real(wp) :: mass = huge(1.0_wp)           !! that met it there [kg] or [kg m2]
-    real(wp) :: time = huge(1.0_wp)           !! it takes about [s]
-    real(wp) :: age = 0.0_wp                  !! it has taken so far [s]
+    real(wp) :: mass = huge(1.0_wp)           !! that hits the stop in it [kg] or [kg m2]
+    real(wp) :: time = huge(1.0_wp)           !! its estimated duration [s]
+    real(wp) :: age = 0.0_wp                  !! time since its beginning [s]
     real(wp) :: longest = huge(1.0_wp)        !! step that it allows [s]
-    real(wp) :: to_end = 0.0_wp               !! from its beginning, or to its end, as far as depth and rate say [s]
+    real(wp) :: to_end = 0.0_wp               !! from its beginning, or to its end by depth and rate [s]
     real(wp) :: briefest = huge(1.0_wp)       !! contact that has ended [s]
     integer :: fewest = huge(1)               !! steps of a contact that has ended
     real(wp) :: stiffness = 0.0_wp            !! explicit methods: largest in a contact, over the mass [1/s2]
@@ -54,7 +54,7 @@ contains
   pure subroutine note_event(self, t, from, to)
     class(element_tally), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
-    integer, intent(in) :: from, to           !! states before and after it: 0, 1 or -1 touching, 2 or -2 let go
+    integer, intent(in) :: from, to           !! states before and after it: 0, 1 or -1 touching, 2 or -2 without force
     if (self%count() == 0) self%first = t
     self%last = t
     if (from == 0) then
@@ -74,11 +74,11 @@ contains
     self%longest = huge(1.0_wp)
   end subroutine note_event
 
-  !> A contact begins: steps are to be a part of it.
+  !> A contact begins: steps must be a part of it.
   pure subroutine note_contact(self, mass, time)
     class(element_tally), intent(inout) :: self
     real(wp), intent(in) :: mass              !! that meets the stop [kg] or [kg m2]
-    real(wp), intent(in) :: time              !! it takes about [s]
+    real(wp), intent(in) :: time              !! estimated duration [s]
     self%mass = mass
     self%time = time
     self%age = 0.0_wp
@@ -86,7 +86,7 @@ contains
     self%longest = share_of_contact*time
   end subroutine note_contact
 
-  !> A rigid stop has been met: the first step after it is to be a part of the flight to the next impact.
+  !> A rigid stop has been hit: the first step after it must be a part of the flight to the next impact.
   pure subroutine note_impact(self, impulse, flight)
     class(element_tally), intent(inout) :: self
     real(wp), intent(in) :: impulse           !! [N s] or [N m s]
@@ -95,7 +95,7 @@ contains
     self%longest = share_of_flight*flight
   end subroutine note_impact
 
-  !> Looks at an accepted step of a rigid stop.
+  !> Notes an accepted step of a rigid stop.
   pure subroutine note_rigid(self, state, force)
     class(element_tally), intent(inout) :: self
     integer, intent(in) :: state              !! 0: open
@@ -104,8 +104,8 @@ contains
     if (state /= 0) self%force = max(self%force, maxval(force, mask=force < huge(1.0_wp)))
   end subroutine note_rigid
 
-  !> Looks at an accepted step of an element that is not open. A contact that lasts is no impact any more: explicit steps have to
-  !> follow its stiffness, others nothing.
+  !> Notes an accepted step of an element that is not open. A contact that lasts is no impact any more: explicit steps have to
+  !> follow its stiffness, others are free.
   pure subroutine note_step(self, stop, with, explicit, h, g, rate)
     class(element_tally), intent(inout) :: self
     class(stop_model), intent(in) :: stop     !! that element
@@ -113,7 +113,7 @@ contains
     logical, intent(in) :: explicit           !! the method's steps have to follow the stiffness
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in) :: g(0:1), rate(0:1) !! penetration at both ends, and its rates [m], [m/s] or [rad], [rad/s]
-    integer, parameter :: parts(2) = [2, 16]  ! the fewer ones say whether there is a maximum between the ends at all
+    integer, parameter :: parts(2) = [2, 16]  ! two show whether there is a maximum between the ends at all
     real(wp) :: depth(0:maxval(parts)), force(0:maxval(parts)), speed, s
     real(wp) :: stiffness, damping            ! over the mass [1/s2], [1/s]
     integer :: i, j, n

@@ -1,5 +1,5 @@
-!> Discrete states of force elements along a run: what roots they watch, what their events change, and a list of the events since it
-!> was last emptied (theory.md, section 11).
+!> Discrete states of force elements along a run: their roots, what their events change, and a list of the events since it was last
+!> emptied (theory.md, section 11).
 module switching
   use kinds, only: wp
   use archive, only: value_archive
@@ -16,7 +16,7 @@ module switching
     real(wp) :: t = 0.0_wp                    !! [s]
     integer :: element = 0                    !! its number among those that switch
     integer :: from = 0, to = 0               !! its states before and after
-    real(wp) :: memory = 0.0_wp               !! what it keeps of this event: a stop the speed at touching [m/s] or [rad/s]
+    real(wp) :: memory = 0.0_wp               !! value stored at this event: of a stop the speed at touching [m/s] or [rad/s]
   end type switch_event
 
   !> The events since the list was last emptied.
@@ -31,7 +31,7 @@ module switching
 
 contains
 
-  !> States of a position that no event has led to.
+  !> States at the start, from positions alone.
   subroutine start_states(m, ev, q, v)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -79,8 +79,8 @@ contains
     end do
   end subroutine watch_rows
 
-  !> Switches the force elements whose roots have fallen, and then those with a root that is negative and falls on, until none is.
-  !> ok is false where that does not end. Roots that rise from below zero are rounding: that of an element that has just switched.
+  !> Switches the force elements whose roots have fallen, then those with a negative root that still falls, until there is none. ok
+  !> is false where that does not end. A negative root that rises is rounding: that of an element that has just switched.
   subroutine pass_events(m, ev, t, q, v, fallen, list, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -122,7 +122,7 @@ contains
     end associate
     ev%switches%state(i) = event%to
     ev%switches%memory(i) = event%memory
-    if (i <= m%s%stops) call list%add(event)   ! a corner that a function of motion passes is no news
+    if (i <= m%s%stops) call list%add(event)   ! a corner of a function of motion is not reported
   end subroutine switch_one
 
   !> Whether an element is a rigid stop, which `impacts` passes.

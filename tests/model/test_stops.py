@@ -229,7 +229,7 @@ def test_a_stop_that_fights_a_drive_is_told_with_both_names(run_deck):
     deck += "&stop name='end' type='rotation' body_a='lever' upper=UPPER stiffness=1.0e6 exponent=2.0 /\n"
     deck += "&transient t_end=0.5 method='dopri5' tolerance=1.0e-8 output_step=1.0e-2 /\n"
     run = run_deck(deck.replace("UPPER", "0.2"))
-    assert 'stop "end" fights drive "motor", which moves on whatever it pushes: up to 999' in run.stderr
+    assert 'stop "end" is pressed by drive "motor", which moves on against any force: up to 999' in run.stderr
     assert run.transient["stops"][0]["largest_force"] == pytest.approx(1e6 * 0.1**2, rel=1e-4)
     assert 'prescribed by drive "motor"' in run_deck(deck.replace("UPPER", "0.2"), "--check", name="check").stdout
     assert "fights" not in run_deck(deck.replace("UPPER", "0.4"), name="clear").stderr

@@ -16,7 +16,7 @@ from conftest import ROOT
 LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("time_stepper", "stepper", "time_stepper", "self"): {
         *("trouble", "tried", "trial", "settings", "norm"),
-        *("cause", "next_stop", "row_due", "roots"),
+        *("cause", "next_stop", "output_due", "roots"),
     },
     ("time_stepper", "root_watch", "time_stepper", "r"): {"end", "zero", "locating"},
     ("fixed_step", "fixed_stepper", "fixed_step", "self"): {"method"},
@@ -26,18 +26,18 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         "scale",
     },
     ("adaptive_pair", "adaptive_stepper", "adaptive_pair", "self"): {
-        *("method", "error", "last", "moved", "slope", "passes"),
+        *("method", "error", "last", "moved", "slope", "reaches_output"),
     },
     ("implicit_march", "implicit_stepper", "implicit_march", "self"): set(),
     ("step_control", "error_norm", "implicit_march", "self%norm"): {
         *("group", "floor", "rate", "slope", "fastest", "bound", "scale", "steepest", "noise"),
     },
-    ("position_measures", "position_measure", "position_measures", "self"): {"group", "grows", "weight", "whole"},
+    ("position_measures", "position_measure", "position_measures", "self"): {"group", "grows", "weight", "by_scene"},
     ("radau_stepper", "step_memory", "radau_stepper", "self%memory"): set(),
     ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius"},
     ("alpha_state", "alpha_solver", "alpha_state", "self"): {
-        *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "stale", "h_tried"),
-        *("gaps", "gain", "resolved", "along", "mu", "offset1"),
+        *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "needs_factors", "h_tried"),
+        *("gaps", "gain", "resolved", "r", "closing", "closing_lambda", "offset1"),
     },
     ("alpha_state", "energy_sums", "alpha_state", "self%energy"): {"pairs", "next"},
     ("alpha_state", "newton_memory", "alpha_state", "self%newton"): set(),

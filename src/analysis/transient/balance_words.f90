@@ -1,4 +1,4 @@
-!> What the summary says of how far a transient's joints opened and how far its energy balance closed.
+!> Lines of the summary about a transient's largest gaps of joints and its energy balance.
 module balance_words
   use kinds, only: wp
   use energy_balance, only: balance_watch
@@ -35,7 +35,7 @@ contains
     end associate
   end subroutine closing_lines
 
-  !> What the energy balance says, of the whole scene and of the body whose deformation exchanged least.
+  !> The energy balance of the whole scene, and of the body with the largest share of residual.
   subroutine balance_lines(run, march, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
@@ -50,7 +50,7 @@ contains
         return
       end if
       energy = 'the energy that moved'
-      if (.not. b%exchanged()) energy = 'the kinetic energy, which nothing changes'
+      if (.not. b%exchanged()) energy = 'the kinetic energy, which is constant'
       call text%line('  energy balance: closed to '//short_text(b%share(), 1)//' of '//energy)
       call text%member('energy_balance', json_number(b%share()))
       if (b%share() > distrusted) call warn(run, 'the energy balance is off by '//short_text(b%share(), 1)// &
@@ -63,11 +63,11 @@ contains
                     '" took up and gave back, '//short_text(exchanged, 1)//' J')
       if (x > unresolved .and. b%share() <= distrusted) call warn(run, 'the energy balance is off by '//short_text(x, 1)//' of '// &
         'the energy that the deformation of body "'//name//'" exchanged: its vibration may be wrong, slower motion right; '// &
-        'check_error=.true. tells', text)
+        'check_error=.true. estimates both', text)
     end associate
   end subroutine balance_lines
 
-  !> What a warning adds where numerical damping explains most of the residual.
+  !> Addition to a warning where numerical damping explains most of the residual.
   function damped(removed, b) result(text)
     real(wp), intent(in) :: removed            !! by the method itself [J]
     type(balance_watch), intent(in) :: b

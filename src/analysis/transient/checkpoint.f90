@@ -1,7 +1,6 @@
-!> The checkpoint of a transient, results/<deck>/checkpoint: 64-bit words, in turn a mark, digests of the program and of the
-!> deck's text, the numbers of values and of letters, the values, the letters of the parameters that the command line set, a
-!> digest of all before.
-!> It is written under another name and renamed when it and the results that it counts on are on the disk, so that at any moment
+!> The checkpoint of a transient, results/<deck>/checkpoint: 64-bit words, in turn a mark, digests of the program and of the deck's
+!> text, the numbers of values and of letters, the values, the letters of the parameters that the command line set, a digest of all
+!> before. It is written under another name, and renamed when it and the results that it refers to are on the disk. So at any moment
 !> there is a complete one or none.
 module checkpoint
   use kinds, only: ip
@@ -16,7 +15,7 @@ module checkpoint
   public :: write_checkpoint, read_checkpoint, remove_checkpoint
 
   character(*), parameter :: name = '/checkpoint'
-  character(*), parameter :: layout = ' values 4'            !! what is in an archive, to be counted up where that changes
+  character(*), parameter :: layout = ' values 4'            !! version of an archive's contents: count up where they change
   integer(ip), parameter :: mark = 7089336938131513954_ip    !! first word of every checkpoint
   integer, parameter :: frame = 6                            !! words beside the values
 
@@ -47,7 +46,7 @@ contains
     if (.not. ok) call remove_scratch(folder//name//'.new')
   end subroutine write_checkpoint
 
-  !> What the program is: a checkpoint of another version or build could not be continued bit for bit.
+  !> Digest of the program: a checkpoint of another version or build could not be continued bit for bit.
   function program_digest() result(hash)
     integer(ip) :: hash
     hash = digest(text_words(version//layout//' '//compiler_version()//' '//compiler_options()))

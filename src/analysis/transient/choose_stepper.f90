@@ -17,7 +17,7 @@ module choose_stepper
 
 contains
 
-  !> Order of a method, for breakpoints that matter to it.
+  !> Order of a method, which decides where its steps have to end.
   pure function method_order(method) result(order)
     character(*), intent(in) :: method         !! the deck's word
     integer :: order
@@ -65,8 +65,8 @@ contains
   end subroutine make_stepper
 
   !> Times that end a step: the breakpoints of histories of loads, drives and controllers, and the end of the run; and whether
-  !> accelerations jump there. Orders of breakpoints are those of accelerations. Fixed steps end at breakpoints that the method's
-  !> order feels; those by the error also at one that its estimate feels.
+  !> accelerations jump there. Orders of breakpoints are those of accelerations. Fixed steps end at breakpoints that lower the
+  !> method's order; steps by the error also at those that disturb its estimate.
   subroutine step_ends(r, s, ends, jumps)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s

@@ -1,5 +1,5 @@
-!> Smallest and largest values of columns over the rows of a run, and which columns only rounding moves: these say nothing, and
-!> pictures, studies and estimates leave them out.
+!> Smallest and largest values of columns over the rows of a run, and which columns stand still but for rounding: pictures, studies
+!> and estimates leave these out.
 module column_ranges
   use kinds, only: wp
   use archive, only: value_archive
@@ -49,7 +49,7 @@ contains
     where (.not. range > digits*sizes(self, s, names, time)) range = 0.0_wp
   end function moved
 
-  !> The value at which a column stands still that only rounding moves; zero where that is rounding, too [of the column].
+  !> The value of a column that stands still but for rounding; zero where the value itself is rounding [of the column].
   pure function still(self, s, names, time) result(value)
     class(column_range), intent(in) :: self
     type(scene), intent(in) :: s
@@ -60,8 +60,8 @@ contains
     where (.not. abs(value) > digits*sizes(self, s, names, time)) value = 0.0_wp
   end function still
 
-  !> What each column is small against: the largest value of a column of the same unit, forces and moments by the scene's size; what
-  !> a motion over that size within the run makes of its unit [of the column].
+  !> Scale of each column: the largest value of a column of the same unit, forces and moments by the scene's size; or the value of
+  !> its unit in a motion over that size within the run [of the column].
   pure function sizes(self, s, names, time) result(largest)
     class(column_range), intent(in) :: self
     type(scene), intent(in) :: s

@@ -21,8 +21,8 @@ module energy_balance
     real(wp) :: row(9) = 0.0_wp               !! of energy.txt: 4 energies, residual [J], violations [m], [m/s], losses [J]
     integer :: columns = 7                    !! of the row in use: what stops, then what friction dissipated follow where any can
     real(wp) :: start(2) = 0.0_wp             !! kinetic and potential energy at t = 0 [J]
-    real(wp) :: least = 0.0_wp                !! energies below it move nothing that counts [J]
-    real(wp) :: in_reach = 0.0_wp             !! what the forces of the start could do until the first row [J]
+    real(wp) :: least = 0.0_wp                !! smaller energies are negligible [J]
+    real(wp) :: reachable = 0.0_wp            !! by the forces of the start until the first row [J]
     real(wp) :: largest_balanced = 0.0_wp     !! largest energy of the rows whose balance is not lost [J]
     type(column_range) :: kinds               !! smallest and largest of the four energies [J]
     real(wp), allocatable :: along(:)         !! (2 nb + 2) kinetic energy along x, y: of the mass centre, of bodies beside it [J]
@@ -55,7 +55,7 @@ contains
     nb = size(m%s%bodies)
     self%least = sum(m%s%bodies%mass)*(1.0e-6_wp*m%s%size/t_end)**2   ! a millionth of the scene's size in the run
     allocate (self%along(2*nb + 2), self%strain(nb), source=0.0_wp)
-    self%kinds = column_range(spread(0.0_wp, 1, 4), spread(0.0_wp, 1, 4))    ! what a run without a row tells
+    self%kinds = column_range(spread(0.0_wp, 1, 4), spread(0.0_wp, 1, 4))    ! for a run without a row
     self%along_range = column_range(self%along, self%along)
     self%strain_range = column_range(self%strain, self%strain)
   end subroutine begin
@@ -113,8 +113,8 @@ contains
     along(:, 0) = 0.5_wp*momentum**2/mass
   end subroutine kinetic_by_direction
 
-  !> Whether the balance just read says that the solution has nothing to do with the mechanism any more: the residual is most
-  !> of the energy there is, and far above all energies that the run had while its balance held.
+  !> Whether the balance just read shows that the solution is lost: the residual is most of the present energy, and far above all
+  !> energies that the run had while its balance was closed.
   function lost(self) result(yes)
     class(balance_watch), intent(inout) :: self
     logical :: yes
@@ -124,7 +124,7 @@ contains
       present = max(x(1), abs(x(2) - self%start(2)), abs(x(3)), abs(x(4)))
       yes = abs(x(5)) > most_of*present
       if (.not. yes) self%largest_balanced = max(self%largest_balanced, present)
-      if (yes) yes = abs(x(5)) > far_above*max(self%largest_balanced, self%least, self%in_reach, epsilon(1.0_wp)*abs(x(2)))
+      if (yes) yes = abs(x(5)) > far_above*max(self%largest_balanced, self%least, self%reachable, epsilon(1.0_wp)*abs(x(2)))
     end associate
   end function lost
 
@@ -140,8 +140,8 @@ contains
     self%violation = max(self%violation, self%row(6:7))
   end subroutine count
 
-  !> Energy that moved: the largest swing of a kind; zero where it is none to speak of, or rounding. Kinetic energy changes by what
-  !> the other kinds take or give: where these do not move, all of it should have stayed, and its swing is an error [J].
+  !> Energy that moved: the largest swing of a kind; zero where it is negligible or rounding. Kinetic energy changes by exchange
+  !> with the other kinds: where these are constant, it should be constant too, and its swing is an error [J].
   pure function moved(self) result(energy)
     class(balance_watch), intent(in) :: self
     real(wp) :: energy
@@ -161,7 +161,7 @@ contains
     exchanged = maxval(self%kinds%high(2:4) - self%kinds%low(2:4)) > floor_of(self)
   end function exchanged
 
-  !> Energies below it say nothing: too small to move anything, or of the size of rounding [J].
+  !> Smaller energies are not judged: they are negligible, or of the size of rounding [J].
   pure function floor_of(self) result(energy)
     class(balance_watch), intent(in) :: self
     real(wp) :: energy
@@ -178,8 +178,8 @@ contains
     if (self%moved() > 0.0_wp) x = self%largest_residual/self%moved()
   end function share
 
-  !> The body for whose deformation the balance says least: the largest residual over the energy that it took up and gave
-  !> back; body = 0 where no deformation stores energy to speak of.
+  !> The body with the largest residual over the energy that its deformation took up and gave back; body = 0 where all stored
+  !> energies are negligible.
   pure subroutine body_share(self, body, x, energy)
     class(balance_watch), intent(in) :: self
     integer, intent(out) :: body
@@ -204,7 +204,7 @@ contains
     class(balance_watch), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call a%exchange(self%row, self%start)
-    call a%exchange(self%in_reach)
+    call a%exchange(self%reachable)
     call a%exchange(self%largest_balanced)
     call self%kinds%exchange(a)
     call self%along_range%exchange(a)

@@ -1,4 +1,4 @@
-!> What the summary says of the energy that friction of joints, terms of materials and damped springs dissipated.
+!> Lines of the summary about the energy that friction of joints, terms of materials and damped springs dissipated.
 module loss_words
   use kinds, only: wp
   use readable_text, only: json_text
@@ -27,7 +27,7 @@ contains
     call text%close()
   end subroutine friction_lines
 
-  !> One joint: how far it slid, what that took, how long it was at rest.
+  !> One joint: how far it slid, the energy lost, how long it was at rest.
   subroutine one_joint(run, i, text)
     type(run_state), intent(in) :: run
     integer, intent(in) :: i                   !! its number among those with friction
@@ -37,7 +37,7 @@ contains
     associate (m => run%sys%m, x => run%sys%friction(i))
       associate (row => m%s%constraints(m%s%permanent + i)%item)
         lost = run%y(2*m%s%nq + m%s%nz + m%s%nzd + 2 + row%switch_number)
-        slid = x%slid + abs(run%sys%place_of(i) - x%place)
+        slid = x%slid + abs(run%sys%position_of(i) - x%place)
         call text%open('', '{')
         call text%member('name', json_text(trim(row%name)))
         call text%figure('  friction of joint "'//trim(row%name)//'": slid ', 'slid', slid, 4)

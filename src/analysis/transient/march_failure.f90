@@ -22,9 +22,9 @@ module march_failure
   character(*), parameter :: too_large = 'the step is too large for stability or for the motion there: try a smaller one '// &
                                          '(biela --check tells the stable ones), or dopri5 with a tolerance'
 
-  integer, parameter :: trouble_masses = -1    !! no stepper's own
-  real(wp), parameter :: nearly_locked = 0.9_wp   !! Painleve's ratio from which a lost solution is friction's [-]
-  real(wp), parameter :: shortest_step = 1.0e-9_wp   !! stable step over the run: rounding disturbs what moves faster [-]
+  integer, parameter :: trouble_masses = -1    !! a cause that no stepper reports: uneven masses
+  real(wp), parameter :: nearly_locked = 0.9_wp   !! Painleve's ratio from which friction is named as the cause [-]
+  real(wp), parameter :: shortest_step = 1.0e-9_wp   !! stable step over the run: rounding disturbs faster motion [-]
 
   character(*), parameter :: beyond_reach = '; joints and drives may demand the impossible there, such as a drive beyond '// &
                                             'the reach of the mechanism'
@@ -103,8 +103,8 @@ contains
     if (b > 0) fail%deck_line = deck_line_of(run%d, b)
   end subroutine explain_loss
 
-  !> How hard the friction of each joint presses it, the last time that was looked at; where the last evaluation has found no force
-  !> that meets the law, also there.
+  !> Painleve's ratio of each joint with friction when it was last checked; where the last evaluation has found no force that meets
+  !> the law, also there.
   function ratios_now(run) result(ratios)
     type(run_state), intent(in) :: run
     real(wp), allocatable :: ratios(:)         ! [-]
@@ -120,7 +120,7 @@ contains
     end do
   end function ratios_now
 
-  !> What joints with friction ask for that rigid bodies cannot do.
+  !> Which joint with friction has no motion of rigid bodies that satisfies its law.
   function friction_fault(run, ratios, t) result(text)
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: ratios(:)          !! (joints with friction) [-]
@@ -158,7 +158,7 @@ contains
                     complete_until(last))
   end subroutine explain_balance
 
-  !> A body that deflects beyond all sense, though the equations are integrated well.
+  !> A body whose deflections have no meaning any more, though the equations are integrated well.
   subroutine explain_shape(run, b, t, last, fail)
     type(run_state), intent(in) :: run
     integer, intent(in) :: b                   !! body
@@ -184,7 +184,7 @@ contains
                     'stabilization=''projection'', or a smaller step or tolerance. '//complete_until(last))
   end subroutine explain_drift
 
-  !> A rigid stop against which something moves that cannot give way.
+  !> A rigid stop that is pressed by a part which cannot move back.
   function rigid_conflict(run, t) result(text)
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: t                  !! [s]

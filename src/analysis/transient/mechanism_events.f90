@@ -21,25 +21,25 @@ module mechanism_events
   implicit none (type, external)
   private
 
-  real(wp), parameter :: aside_share = 1.0e-6_wp   !! time between two evaluations that make a rate, of an output step [-]
-  real(wp), parameter :: digits_of_change = 1.0e3_wp   !! a change that is one, of the values that are zero [-]
-  integer, parameter :: looked_at = 4         !! joints whose Painleve's ratio an accepted step looks at
+  real(wp), parameter :: difference_time = 1.0e-6_wp   !! between evaluations of a difference quotient, of an output step [-]
+  real(wp), parameter :: least_change = 1.0e3_wp   !! a smaller change is rounding; of the values that count as zero [-]
+  integer, parameter :: checked_per_step = 4  !! joints whose Painleve's ratio is found in an accepted step
 
   !> The system with its events.
   type, abstract, extends(moving_mechanism), public :: switching_mechanism
     type(event_list) :: events                !! of elements that switch
-    integer :: conflict = 0                   !! a rigid stop against which something presses that cannot give way; 0: none
+    integer :: conflict = 0                   !! a rigid stop that is pressed by a part which cannot move back; 0: none
     type(element_tally), allocatable :: tally(:)   !! of each of them
     type(joint_tally), allocatable :: friction(:)  !! of each joint with friction
     logical :: follows_stiffness = .true.     !! steps have to be short beside the stiffest contact: the method is explicit
     real(wp) :: shortest_limit = huge(1.0_wp) !! shortest of all steps that contacts allowed [s]
-    real(wp), allocatable :: pressing(:)      !! (rows that switch) the last time it was looked at: Painleve's ratio [-]
-    integer :: turn = 0                       !! the row that was looked at last
-    type(evaluation), allocatable, private :: beside   !! an evaluation a little aside
+    real(wp), allocatable :: pressing(:)      !! (rows that switch) Painleve's ratio when it was last found [-]
+    integer :: last_checked = 0               !! row whose ratio was found last
+    type(evaluation), allocatable, private :: nearby   !! a little later, for difference quotients
     real(wp) :: output_step = huge(1.0_wp)    !! between two rows of the history [s]
   contains
     procedure :: start_switching
-    procedure :: place_of
+    procedure :: position_of
     procedure :: hold_friction
     procedure :: hold_stops
     procedure :: free_friction
@@ -48,13 +48,12 @@ module mechanism_events
     procedure :: note_step
     procedure :: longest_fixed
     procedure :: exchange_switches
-    procedure :: choose_rows => no_choice
+    procedure :: choose_rows => keep_rows
   end type switching_mechanism
 
 contains
 
-  !> Elements that switch take their states from a position that no event has led to; from now on they keep them. Controllers are
-  !> switched on.
+  !> Elements that switch take their states from the start; from now on only events change them. Controllers are switched on.
   subroutine start_switching(self, t, y)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -74,21 +73,21 @@ contains
     call meet_rigid_stops(self, t, y, spread(.false., 1, self%roots))
     call count_events(self, t, 1)
     call self%hold_friction(t, y)
-    call limit_resting(self)
+    call limit_steps_at_rest(self)
     do k = 1, size(self%friction)
-      self%friction(k)%place = self%place_of(k)
+      self%friction(k)%place = self%position_of(k)
     end do
     call find_undetermined(self%m, self%ev, self%friction%undetermined)
   end subroutine start_switching
 
-  !> Where joint k of those with friction stands in its last evaluation [m] or [rad].
-  pure real(wp) function place_of(self, k)
+  !> Position of joint k of those with friction in the last evaluation [m] or [rad].
+  pure real(wp) function position_of(self, k)
     class(switching_mechanism), intent(in) :: self
     integer, intent(in) :: k
     associate (row => self%m%s%constraints(self%m%s%permanent + k)%item)
-      place_of = row%measure(self%ev%p)/merge(row%size, 1.0_wp, row%angular)
+      position_of = row%measure(self%ev%p)/merge(row%size, 1.0_wp, row%angular)
     end associate
-  end function place_of
+  end function position_of
 
   !> Rigid stops that are touched and pressed at a state at rest are closed, others open.
   subroutine hold_stops(self, t, y)
@@ -107,7 +106,7 @@ contains
     call pass_impacts(self%m, self%ev, at, spread(.false., 1, most_roots*self%m%s%elements), unheard, x)
   end subroutine hold_stops
 
-  !> Joints with friction stick or slip as at a state that no event has led to.
+  !> Joints with friction stick or slip as they do at the start.
   subroutine hold_friction(self, t, y)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -120,7 +119,7 @@ contains
     call hold_resting(self%m, self%ev, self%motion_at(t, y), none, rests, breaks)
     call settle_friction(self%m, self%ev, self%motion_at(t, y), none, rests, breaks, ok)
     self%pressing = spread(0.0_wp, 1, size(self%m%s%friction))
-    call judge_friction(self, ok)
+    call check_friction(self, ok)
   end subroutine hold_friction
 
   !> Friction acts no longer.
@@ -151,20 +150,20 @@ contains
     end associate
   end subroutine find_roots
 
-  !> Rates of what is left to the limits of joints that stick, by a second evaluation a little aside on the way of the state: with
-  !> them a share that reaches its limit and leaves it within a step is found. What rounding may have made of a value is no rate.
+  !> Rates of the distances to the limits of joints that stick, by a second evaluation a little later. With them a share that
+  !> reaches its limit and leaves it within a step is found. A change that may be rounding gives no rate.
   subroutine measure_rates(self, t, y, g, rate, zero)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     real(wp), intent(in) :: g(:), zero(:)   !! (roots of the rows) of the last evaluation [any]
     real(wp), intent(inout) :: rate(:)      !! (roots of the rows) [any/s]
-    real(wp), dimension(size(g)) :: aside, unused, rounding   ! [any], [any/s], [any]
+    real(wp), dimension(size(g)) :: later, unused, rounding   ! [any], [any/s], [any]
     real(wp) :: h                           ! [s]
     integer :: k
     if (size(self%m%s%friction) == 0) return
-    if (.not. allocated(self%beside)) allocate (self%beside, source=self%ev)
-    associate (s => self%m%s, ev => self%ev, x => self%beside)
+    if (.not. allocated(self%nearby)) allocate (self%nearby, source=self%ev)
+    associate (s => self%m%s, ev => self%ev, x => self%nearby)
       if (.not. any(ev%switches%state(size(s%switching) + 1:) == row_stuck)) return
       if (ev%schur%singular .or. ev%broken .or. .not. self%output_step < huge(1.0_wp)) return
       x%switches%state = ev%switches%state
@@ -172,18 +171,18 @@ contains
       x%slip%start = ev%lambda
       x%control = ev%control
       x%broken = .false.
-      h = sign(aside_share*self%output_step, merge(-1.0_wp, 1.0_wp, ev%options%left_limit))
+      h = sign(difference_time*self%output_step, merge(-1.0_wp, 1.0_wp, ev%options%left_limit))
       associate (q => y(1:s%nq), v => y(s%nq + 1:2*s%nq), z => y(2*s%nq + 1:2*s%nq + s%nz), nzd => s%nzd, &
                  zd => y(2*s%nq + s%nz + 1:2*s%nq + s%nz + s%nzd))
         call evaluate(self%m, x, ev%options, t + h, q + h*v, v + h*ev%a, z + h*[zd, ev%zdd(nzd + 1:)], zd + h*ev%zdd(:nzd))
       end associate
       if (x%schur%singular .or. x%broken) return
-      call watch_rows(self%m, x, aside, unused, rounding)
+      call watch_rows(self%m, x, later, unused, rounding)
       do k = 1, size(s%friction)
         if (ev%switches%state(s%friction(k)%number) /= row_stuck) cycle
         associate (i => most_roots*(k - 1) + 1)
           rate(i) = 0.0_wp
-          if (abs(aside(i) - g(i)) > digits_of_change*zero(i)) rate(i) = (aside(i) - g(i))/h
+          if (abs(later(i) - g(i)) > least_change*zero(i)) rate(i) = (later(i) - g(i))/h
         end associate
       end do
     end associate
@@ -201,8 +200,8 @@ contains
     end do
   end function holds_stops
 
-  !> Events change states, rigid stops velocities; joints that begin to stick have no rate left; samples change what controllers put
-  !> out.
+  !> Events change states, rigid stops change velocities. Joints that begin to stick lose their rate. Samples change outputs of
+  !> controllers.
   subroutine resolve_events(self, t, y, fallen, ok)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -228,7 +227,7 @@ contains
     call begin_contacts(self, t, y, self%events%items(n + 1:self%events%count)%element, &
                         self%events%items(n + 1:self%events%count)%from == 0)
     if (ok .and. size(self%m%s%friction) > 0) call resolve_friction(self, t, y, fallen, before, ok)
-    call limit_resting(self)
+    call limit_steps_at_rest(self)
   end subroutine resolve_events
 
   !> Counts the events of force elements since one of the list.
@@ -299,15 +298,15 @@ contains
       end associate
     end do
     do k = 1, size(self%friction)
-      call self%friction(k)%note_place(self%place_of(k))
+      call self%friction(k)%note_place(self%position_of(k))
     end do
     call find_undetermined(self%m, self%ev, self%friction%undetermined)
-    call judge_friction(self, ok)
+    call check_friction(self, ok)
     if (self%has_manifold .and. .not. self%fault) call self%project(t, y, ok)
   end subroutine resolve_friction
 
   !> Whether there are states of the joints with friction, and one motion with them.
-  subroutine judge_friction(self, settled)
+  subroutine check_friction(self, settled)
     class(switching_mechanism), intent(inout) :: self
     logical, intent(in) :: settled
     integer :: k
@@ -315,10 +314,10 @@ contains
       self%pressing(k) = pressing(self%m, self%ev, k, .true.)
     end do
     self%fault = .not. settled .or. any(self%pressing >= 1.0_wp)
-  end subroutine judge_friction
+  end subroutine check_friction
 
-  !> A load that joints or rigid stops hold is looked at in steps of the output at least.
-  subroutine limit_resting(self)
+  !> While joints stick or rigid stops are closed, steps are not longer than the output interval: their load may change.
+  subroutine limit_steps_at_rest(self)
     class(switching_mechanism), intent(inout) :: self
     logical :: holds
     holds = holds_stops(self)
@@ -326,9 +325,9 @@ contains
       holds = holds .or. any(state == row_stuck .or. abs(state) == row_carried)
     end associate
     self%resting_step = merge(self%output_step, huge(1.0_wp), holds)
-  end subroutine limit_resting
+  end subroutine limit_steps_at_rest
 
-  !> How long contacts take that have just begun decides on the steps that follow.
+  !> The duration of contacts that have just begun limits the next steps.
   subroutine begin_contacts(self, t, y, elements, begins)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
@@ -392,10 +391,10 @@ contains
     call limit_steps(self)
     if (.not. allocated(self%pressing)) return
     call keep_multipliers(self%ev)
-    do i = 1, min(looked_at, size(self%pressing))
-      self%turn = 1 + mod(self%turn, size(self%pressing))
-      self%pressing(self%turn) = pressing(self%m, self%ev, self%turn, .false.)
-      self%fault = self%fault .or. self%pressing(self%turn) >= 1.0_wp
+    do i = 1, min(checked_per_step, size(self%pressing))
+      self%last_checked = 1 + mod(self%last_checked, size(self%pressing))
+      self%pressing(self%last_checked) = pressing(self%m, self%ev, self%last_checked, .false.)
+      self%fault = self%fault .or. self%pressing(self%last_checked) >= 1.0_wp
     end do
   end subroutine note_step
 
@@ -409,7 +408,7 @@ contains
     if (self%roots == 0) return
     do i = 1, size(self%tally)
       if (self%ev%switches%state(i) == idle) cycle
-      if (is_rigid_stop(self%m, i)) cycle   ! nothing to follow
+      if (is_rigid_stop(self%m, i)) cycle   ! its contact takes no time
       select type (stop => self%m%s%forces(self%m%s%switching(i))%item)
       class is (stop_model)
         longest = min(longest, self%tally(i)%graded(min(h, longest), order, stop%smoothness()))
@@ -417,7 +416,7 @@ contains
     end do
   end function longest_fixed
 
-  !> Saves or restores states and events that have not been told.
+  !> Saves or restores states and events that are not yet written.
   subroutine exchange_switches(self, a)
     class(switching_mechanism), intent(inout) :: self
     type(value_archive), intent(inout) :: a
@@ -430,14 +429,14 @@ contains
     call exchange_tallies(self%tally, a)
     call self%choose_rows()
     call exchange_friction(self%friction, a)
-    call limit_resting(self)
+    call limit_steps_at_rest(self)
     if (.not. allocated(self%pressing)) return
     call a%exchange(self%pressing)
-    call a%exchange(self%turn)
+    call a%exchange(self%last_checked)
   end subroutine exchange_switches
 
-  !> What implicit methods have to do where states have changed; explicit ones have nothing.
-  subroutine no_choice(self)
+  !> Implicit methods choose rows anew where states have changed; others do nothing.
+  subroutine keep_rows(self)
     class(switching_mechanism), intent(inout) :: self
-  end subroutine no_choice
+  end subroutine keep_rows
 end module mechanism_events

@@ -1,7 +1,6 @@
-!> The current stability bound along a run, estimated again now and then by a few Lanczos steps for the motions that are stiffest,
-!> most damped, and stiffest against the viscoelastic terms that limit the step at the start. They begin with those of the start.
-!> Their Rayleigh quotients give eigenvalues; how far these are from the bound at the start, where all of them are known, they
-!> are taken to be later.
+!> The current stability bound along a run, estimated at intervals by a few Lanczos steps for three motions: the stiffest, the most
+!> damped, and that which the viscoelastic terms that limit the step at the start resist most. They begin with those of the start.
+!> Their Rayleigh quotients give eigenvalues. At the start the true bound is known; its ratio to the estimate is used later, too.
 module step_monitor
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -20,7 +19,7 @@ module step_monitor
 
   integer, parameter :: most_steps = 12        !! Lanczos steps of a motion
   real(wp), parameter :: part_of_run = 0.02_wp !! of the work, for all estimates [-]
-  real(wp), parameter :: far = 2.0_wp          !! ratio from which a motion at a singular start says nothing of the bound there [-]
+  real(wp), parameter :: far = 2.0_wp          !! larger ratio: a motion at a singular start is no measure of its bound [-]
   integer, parameter :: most_often = 8         !! times as many where the bound falls towards the step
   integer(ip), parameter :: first = 4          !! accepted steps before the first
 
@@ -50,7 +49,7 @@ module step_monitor
     character(160) :: cause = ''               !! what limited it then
     type(followed_motion), allocatable :: motions(:)
     type(fast_spectrum) :: fast
-    type(fast_mode) :: mode                    !! the motion that was looked at last
+    type(fast_mode) :: mode                    !! the motion that was iterated last
   contains
     procedure :: begin => monitor_begin
     procedure :: look => monitor_look
@@ -106,7 +105,7 @@ contains
       self%ratio = self%smallest/followed
     end if
   contains
-    !> Adds a motion, joints released: at a singular start they may hold what they let go later.
+    !> Adds a motion without joints: at a singular start they may prevent a motion that they allow later.
     subroutine follow(mix, segment)
       real(wp), intent(in) :: mix(2)           !! [-]
       integer, intent(in) :: segment

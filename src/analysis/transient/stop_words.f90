@@ -1,4 +1,4 @@
-!> What the summary says of events, and of the stops to which they belong.
+!> Lines of the summary about events and their stops.
 module stop_words
   use contact_mass, only: mass_at, drives_against
   use evaluation_results, only: evaluation
@@ -76,7 +76,7 @@ contains
     call text%line(' s (stop "'//trim(run%sys%m%s%forces(run%sys%m%s%switching(worst))%item%name)//'")')
   end subroutine tell_bound
 
-  !> One stop: what touched when, how hard, what it took.
+  !> One stop: its contacts, their forces, the energy lost.
   subroutine one_stop(run, i, text)
     type(run_state), intent(in) :: run
     integer, intent(in) :: i                   !! its number among those that switch
@@ -140,8 +140,8 @@ contains
       work = run%sys%ev
       if (mass_at(m, work, m%s%switching(i)) < huge(1.0_wp)) return
       if (len(drives_against(m, work)) == 0) return
-      call warn(run, 'stop "'//trim(f%name)//'" fights drive'//drives_against(m, work)//', which moves on whatever it '// &
-                'pushes: up to '//to_text(x%force)//trim(merge(' Nm', ' N ', f%angular)), text)
+      call warn(run, 'stop "'//trim(f%name)//'" is pressed by drive'//drives_against(m, work)//', which moves on against '// &
+                'any force: up to '//to_text(x%force)//trim(merge(' Nm', ' N ', f%angular)), text)
     end associate
   end subroutine judge
 end module stop_words

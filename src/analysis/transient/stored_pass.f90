@@ -12,7 +12,7 @@ module stored_pass
     real(wp), allocatable :: values(:, :)     !! (columns, 0:outputs) [of the column]
     type(event_list) :: events                !! of that pass
     type(event_list) :: present               !! of the pass under way
-    integer :: given = 0                      !! events of that pass up to the last row that was asked for
+    integer :: given = 0                      !! events of that pass up to the last row that was read
   contains
     procedure :: recall
     procedure :: keep
@@ -23,7 +23,7 @@ module stored_pass
 
 contains
 
-  !> A row, and the events since the last one that was asked for.
+  !> A row, and the events since the last one that was read.
   subroutine recall(self, row, time, values, events)
     class(pass_rows), intent(inout) :: self
     integer(ip), intent(in) :: row

@@ -33,9 +33,9 @@ module transient
   private
   public :: run_transient
 
-  integer, parameter :: steps_per_call = 64    !! steps between looks at signals and checkpoints
+  integer, parameter :: steps_per_call = 64    !! steps between checks for signals and due checkpoints
 
-  !> A transient on its way, and what the summary says of it.
+  !> A transient that is running, with figures for the summary.
   type, public :: transient_march
     class(stepper), allocatable :: method
     type(result_set) :: files
@@ -50,7 +50,7 @@ module transient
     integer :: restarts = 0
     type(pass_search) :: search                !! of method and steps, where the deck asks for an accuracy
     logical :: stopped = .false.               !! the search has given this pass up
-    type(vibration_watch) :: vibration         !! that steps follow without need, where none is searched
+    type(vibration_watch) :: vibration         !! that steps follow without need; used where no accuracy is asked for
   contains
     procedure :: cost
     procedure :: exchange
@@ -133,8 +133,8 @@ contains
     if (run%d%transient%checkpoint_interval > 0.0_wp .or. march%restarts > 0) call save(run, march, fail)
   end subroutine start_run
 
-  !> Gives the files of the pass before their names, if it is the one to be delivered so far: a checkpoint of that pass counts on
-  !> the files as they were, so that one of this pass must be there first.
+  !> Renames the files of the pass before to their final names, if it is the best so far. A checkpoint of that pass refers to the
+  !> old names: so there must be a checkpoint of this pass first.
   subroutine name_last_pass(run, march, fail)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
@@ -147,7 +147,7 @@ contains
     end associate
   end subroutine name_last_pass
 
-  !> Takes up an interrupted run: its state, and its files cut to the rows that the checkpoint knows.
+  !> Continues an interrupted run: its state, and its files cut to the rows of the checkpoint.
   subroutine continue_run(run, march, fail)
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
@@ -235,7 +235,7 @@ contains
     associate (y => run%y, nq => run%sys%m%s%nq, files => march%files, r => run%d%transient)
       call read_sensors(run%list, run%sys%m, run%sys%ev, y, files%values)
       call march%balance%read(run%sys%m, run%sys%ev, y, k == 0)
-      if (k == 0) march%balance%in_reach = energy_in_reach(run%sys%m, run%sys%ev, r%output_step)
+      if (k == 0) march%balance%reachable = reachable_energy(run%sys%m, run%sys%ev, r%output_step)
       call judge(run, march, t, fail)
       if (fail%happened()) return
       call march%balance%count(march%method%steps)
@@ -288,22 +288,22 @@ contains
     cost = run%sys%ev%evaluations + self%method%implicit_work()   ! [-]
   end function cost
 
-  !> The energy that the largest force of the start could give the whole mass until the next row: from rest there is no other
-  !> scale by which a first row, badly integrated but bounded, is told from a lost one.
-  pure real(wp) function energy_in_reach(m, ev, time) result(energy)
+  !> The energy that the largest force of the start could give the whole mass until the next row. From rest there is no other scale
+  !> that separates a first row with a large error from a lost one.
+  pure real(wp) function reachable_energy(m, ev, time) result(energy)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev     !! evaluated
     real(wp), intent(in) :: time               !! [s]
     energy = 0.5_wp*(largest_force(m, ev)*time)**2/sum(m%s%bodies%mass)
-  end function energy_in_reach
+  end function reachable_energy
 
-  !> Whether the row just read may stand: energies, shapes and joints say whether the solution is lost.
+  !> Checks the row just read: energies, shapes and joints show whether the solution is lost.
   subroutine judge(run, march, t, fail)
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
     real(wp), intent(in) :: t                  !! [s]
     type(failure), intent(inout) :: fail
-    real(wp), parameter :: drift = 1.0e-2_wp   !! of the scene's size: joints that far open are none [-]
+    real(wp), parameter :: drift = 1.0e-2_wp   !! largest gap of a joint that is accepted, of the scene's size [-]
     integer :: b
     associate (balance => march%balance, s => run%sys%m%s)
       if (balance%lost()) then
@@ -339,7 +339,7 @@ contains
                     ' at t = '//trim(adjustl(es_text(march%method%t, 6)))//' s; biela --restart continues from there')
   end subroutine interrupt
 
-  !> Puts the results on the disk, then a checkpoint that counts on them.
+  !> Puts the results on the disk, then a checkpoint that refers to them.
   subroutine save(run, march, fail)
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march

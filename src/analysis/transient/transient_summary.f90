@@ -1,4 +1,4 @@
-!> What the summary says of a transient: steps, evaluations, stable steps, what `accuracy_words` and the validity watch say.
+!> Lines of the summary about a transient: steps, evaluations, stable steps, those of `accuracy_words` and of the validity watch.
 module transient_summary
   use kinds, only: wp
   use accuracy_words, only: accuracy_lines
@@ -63,7 +63,7 @@ contains
     call text%close()
   end subroutine transient_lines
 
-  !> Names the columns that only rounding moves, with the values at which they stand.
+  !> Names the columns that stand still but for rounding, with their values.
   subroutine still_lines(run, march, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
@@ -75,7 +75,7 @@ contains
       range = march%seen%moved(run%sys%m%s, names, run%d%transient%t_end)
       value = march%seen%still(run%sys%m%s, names, run%d%transient%t_end)
       if (all(range > 0.0_wp)) return
-      call text%line('  columns that only rounding moves, and where they stand:')
+      call text%line('  columns that stand still (only rounding changes them), and their values:')
       call text%open('still_columns', '{')
       do k = 1, size(names)
         if (range(k) > 0.0_wp) cycle
@@ -96,10 +96,10 @@ contains
     if (share <= 1.0_wp) return
     call warn(run, 'the step was '//fixed_text(share, 3)//' times the smallest current bound, at t = '// &
               trim(adjustl(es_text(run%monitor%at, 4)))//' s, limited by '//trim(run%monitor%cause)// &
-              ': what limits it grew, if slowly'//beyond(run), text)
+              ': what limits it grew slowly'//beyond(run), text)
   end subroutine compare_step
 
-  !> What brought the current bound below the safe one, which counts every direction of springs, but the shapes of the start.
+  !> Why the current bound is below the safe one, which covers all directions of springs, but only the shapes of the start.
   function beyond(run) result(text)
     type(run_state), intent(in) :: run
     character(:), allocatable :: text
