@@ -7,17 +7,22 @@ Every fault is a `HistoryError` of one line, the file and where possible the lin
 
 from __future__ import annotations
 
+import contextlib
 import fnmatch
 import functools
+import itertools
 import json
+import os
 import re
+import warnings
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
-from .number_text import read_rows
+from .number_text import KEPT, read_rows
 from .result_files import EVENTS, RESULT_FILES, HistoryError
 
 if TYPE_CHECKING:
@@ -25,6 +30,7 @@ if TYPE_CHECKING:
 
 HEADER = "# columns:"
 LARGE = 20_000_000  # bytes beyond which a faster parser reads a table; that of results files is right to an ulp or two
+BLOCK = 2_000_000  # bytes of a table that are read at a time
 COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
 
 
@@ -123,17 +129,17 @@ def read(source: str | Path, kind: str = "history") -> History:
     separator = "," if path.suffix == ".csv" else None
     try:
         head, size = _head(path, separator)
-        _, columns = _header(path, head, separator)
+        columns = _header(path, head, separator)
         names = [name for name, _ in columns]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise HistoryError(f"{path}: the column {twice[0]!r} is given twice")
         data = None
         if path.stat().st_size > LARGE:
-            data = _large_table(path, len(names)) if separator else read_rows(path, size, len(names))
+            data = None if separator else read_rows(path, size, len(names))
+            data = _large_table(path, size, len(names), separator) if data is None else data
         if data is None or not len(data):
-            lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-            data = np.asfortranarray(_rows(path, lines, _header(path, lines, separator)[0], len(names), separator))
+            data = np.asfortranarray(_rows(path, len(head), len(names), separator))
     except FileNotFoundError:
         raise HistoryError(f"{path}: no such file ({_why_missing(path)})") from None
     except OSError as fault:
@@ -145,36 +151,73 @@ def read(source: str | Path, kind: str = "history") -> History:
 
 
 def _head(path: Path, separator: str | None) -> tuple[list[str], int]:
-    """Return the first lines of a file, as far as the first one of its rows, and how many bytes stand before the rows."""
+    """Return the lines of a file before its rows, and how many bytes they have."""
     lines, size = [], 0
     with path.open("rb") as file:
         for line in file:
-            lines.append(line.decode("utf-8", "replace").rstrip("\r\n"))
-            if separator or not line.startswith(b"#"):
+            if not (separator or line.startswith(b"#")):
                 break
+            lines.append(line.decode("utf-8-sig", "replace").rstrip("\r\n"))
             size += len(line)
+            if separator:
+                break
     return lines, size
 
 
-def _large_table(path: Path, width: int) -> np.ndarray | None:
-    """Return the rows of a large table with commas by the parser of pyarrow, None where it is missing or does not understand."""
+def _large_table(path: Path, first: int, width: int, separator: str | None) -> np.ndarray | None:
+    """Return the rows of a large table by the parser of pyarrow, block by block; None where it is missing or does not understand.
+
+    Args:
+        path: the file
+        first: byte at which its rows begin
+        width: numbers of a row
+        separator: between numbers; None for blanks and tabs, as many as there are
+    """
     try:
-        from pyarrow import csv, float64, lib
+        from pyarrow import BufferReader, csv, float64, lib
     except ImportError:
         return None
     names = [str(k) for k in range(width)]
-    try:
-        table = csv.read_csv(
-            path,
-            csv.ReadOptions(skip_rows=1, column_names=names),
-            convert_options=csv.ConvertOptions(column_types=dict.fromkeys(names, float64()), null_values=[]),
-        )
-    except (lib.ArrowInvalid, OSError):
-        return None
-    data = np.empty((table.num_rows, width), order="F")
-    for k, name in enumerate(names):
-        data[:, k] = table.column(name).to_numpy()
-    return data if np.isfinite(data).all() else None
+    read_as = csv.ReadOptions(column_names=names, use_threads=False, block_size=2**31 - 1)
+    parse_as = csv.ParseOptions(delimiter=separator or " ", quote_char=False)
+    convert_as = csv.ConvertOptions(column_types=dict.fromkeys(names, float64()), null_values=[])
+
+    def text(begin: int) -> bytes:
+        """Return the lines that begin in a block."""
+        with path.open("rb") as file:
+            file.seek(max(begin - 1, first))
+            if begin > first:
+                file.readline()
+            found = file.read(max(begin + BLOCK - file.tell(), 0))
+            return found if not found or found.endswith(b"\n") else found + file.readline()
+
+    def rows_of(begin: int) -> np.ndarray:
+        lines = text(begin) if separator else _single_blanks(text(begin))
+        if not lines.strip():
+            return np.empty((0, width))
+        table = csv.read_csv(BufferReader(lines), read_as, parse_as, convert_as)
+        return table.to_batches()[0].to_tensor(row_major=False).to_numpy()
+
+    begins = range(first, path.stat().st_size, BLOCK)
+    np.empty(KEPT, np.uint8)  # given back at once: the memory of one block is kept for the next
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        data = np.empty((1 + sum(pool.map(lambda begin: text(begin).count(b"\n"), begins)), width), order="F")
+        size = 0
+        try:
+            for part in pool.map(rows_of, begins):
+                data[size : size + len(part)] = part
+                size += len(part)
+        except lib.ArrowInvalid:
+            pool.shutdown(cancel_futures=True)
+            return None
+    return data[:size] if all(np.isfinite(data[:size, k]).all() for k in range(width)) else None
+
+
+def _single_blanks(text: bytes) -> bytes:
+    """Return lines with one blank between words, and none before the first or after the last."""
+    letters = np.frombuffer(text.replace(b"\t", b" "), np.uint8)
+    kept = np.append((letters[:-1] != ord(" ")) | (letters[1:] > ord(" ")), True)
+    return letters[kept].tobytes().replace(b"\n ", b"\n").lstrip(b" ")
 
 
 class Event(NamedTuple):
@@ -277,15 +320,14 @@ def _why_missing(path: Path) -> str:
     return f"this run wrote {' and '.join(others)}"
 
 
-def _header(path: Path, lines: list[str], separator: str | None) -> tuple[int, list[tuple[str, str]]]:
-    """Return the index of the first line of numbers and the (name, unit) pairs of the columns."""
+def _header(path: Path, lines: list[str], separator: str | None) -> list[tuple[str, str]]:
+    """Return name and unit of each column, from the lines before the rows."""
     if separator:
-        words, first = (lines[0].split(separator), 1) if lines else ([], 0)
+        words = "".join(lines).split(separator)
     else:
-        first = next((k for k, line in enumerate(lines) if not line.startswith("#")), len(lines))
-        heads = [line for line in lines[:first] if line.startswith(HEADER)]
+        heads = [line for line in lines if line.startswith(HEADER)]
         words = heads[-1][len(HEADER) :].split() if heads else []
-    if not words:
+    if not any(words):
         wanted = "names on its first line" if separator else f"a line {HEADER!r}"
         raise HistoryError(f"{path}: is no history: {wanted} expected")
     columns = []
@@ -294,27 +336,28 @@ def _header(path: Path, lines: list[str], separator: str | None) -> tuple[int, l
         if not parts:
             raise HistoryError(f"{path}: {word.strip()!r} is no column name, name[unit] expected")
         columns.append((parts["name"], parts["unit"] or ""))
-    return first, columns
+    return columns
 
 
-def _rows(path: Path, lines: list[str], first: int, width: int, separator: str | None) -> np.ndarray:
-    """Return the numbers, shape (rows, width); the fast parser first, then line by line to name the faulty one."""
-    if not any(line.strip() for line in lines[first:]):
-        raise HistoryError(f"{path}: holds no rows (was the run interrupted at its start?)")
-    try:
-        data = np.loadtxt(lines[first:], delimiter=separator, ndmin=2, comments=None)
-    except ValueError:
-        data = np.empty((0, 0))
-    if data.shape[1] == width and np.isfinite(data).all():
-        return data
-    for number, line in enumerate(lines[first:], first + 1):
-        words = line.split(separator)
-        if words and len(words) != width:
-            raise HistoryError(f"{path}:{number}: {len(words)} values, {width} expected (is the file complete?)")
-        for word in words:
-            if not _finite(word):
-                raise HistoryError(f"{path}:{number}: {word.strip()!r} is no finite number")
-    raise HistoryError(f"{path}: cannot be read as rows of {width} numbers")
+def _rows(path: Path, first: int, width: int, separator: str | None) -> np.ndarray:
+    """Return the numbers after the first lines, shape (rows, width); where they cannot be read, name the faulty line."""
+    with contextlib.suppress(ValueError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a file without rows is told below
+        data = np.loadtxt(str(path), delimiter=separator, ndmin=2, comments=None, skiprows=first, encoding="utf-8")
+        if data.shape[1] == width and np.isfinite(data).all() and data.size:
+            return data
+    rows = 0
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(itertools.islice(file, first, None), first + 1):
+            words = line.strip().split(separator) if line.strip() else []
+            rows += bool(words)
+            if words and len(words) != width:
+                raise HistoryError(f"{path}:{number}: {len(words)} values, {width} expected (is the file complete?)")
+            for word in words:
+                if not _finite(word):
+                    raise HistoryError(f"{path}:{number}: {word.strip()!r} is no finite number")
+    wanted = f"cannot be read as rows of {width} numbers" if rows else "holds no rows (was the run interrupted at its start?)"
+    raise HistoryError(f"{path}: {wanted}")
 
 
 def _finite(word: str) -> bool:

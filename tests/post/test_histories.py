@@ -150,7 +150,21 @@ def test_tables_of_the_solver_and_large_ones_are_read_by_fast_parsers(write, mon
         with pytest.raises(HistoryError, match=re.escape(f"history.txt:702: '{odd}' is no finite number")):
             read(write(head + "".join("".join(row) + "\n" for row in [*words[:699], [*words[699][:-1], odd.rjust(25)]])))
     monkeypatch.setattr(histories, "LARGE", 1000)
-    table = "t,a\n" + "".join(f"{k},{k}.5\n" for k in range(500))
-    np.testing.assert_array_equal(read(write(table, "a.csv"))["a"], np.arange(500) + 0.5)
-    with pytest.raises(HistoryError, match=r"a\.csv:103: 'x' is no finite number"):
-        read(write(table.replace("101.5", "x"), "a.csv"))
+    monkeypatch.setattr(histories, "BLOCK", 500)
+    loadtxt = np.loadtxt
+    monkeypatch.setattr(np, "loadtxt", lambda *_, **__: pytest.fail("the slow parser reads it"))
+    table = "".join(f"{k},{k}.5\n" for k in range(500))
+    blanks = re.sub("^", "  ", table.replace(",", "\t  "), flags=re.MULTILINE)
+    for text, name in (
+        ("\ufefft,a\r\n" + table.replace("\n", "\r\n"), "a.csv"),
+        ("t,a\n" + table.replace("7\n", "7\n\n")[:-1], "a.csv"),
+        ("# columns: t[s] a[m]\n" + blanks, "a.txt"),
+        ("# columns: t[s] a[m]\n" + blanks.replace("\n", " \t\n\n"), "a.txt"),
+    ):
+        np.testing.assert_array_equal(read(write(text, name)).data, np.arange(500)[:, None] + [0.0, 0.5])
+    monkeypatch.setattr(np, "loadtxt", loadtxt)
+    for word in ("x", "nan", "1 2", ""):
+        with pytest.raises(HistoryError, match=rf"a\.csv:103: '{word}' is no finite number"):
+            read(write("t,a\n" + table.replace("101.5", word), "a.csv"))
+    with pytest.raises(HistoryError, match=r"a\.csv:103: 1 values, 2 expected"):
+        read(write("t,a\n" + table.replace("101,101.5", "101"), "a.csv"))
