@@ -8,7 +8,6 @@ of motion, residuals of implicit methods, banded solves, unknowns.
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
 import json
 import math
@@ -30,6 +29,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from . import solver_start
 from .histories import Event, read, read_events, read_summary, still_columns
 from .result_files import HistoryError
 
@@ -51,10 +51,6 @@ GRACE = 0.5  # [s] that a run has to write how far it came
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 MARK = "\n! timed alone\n"
-# The shell that starts a solver ends it when the study that holds the other end of a pipe is gone, also by SIGKILL.
-START = """pipe=$1; shift; "$@" & solver=$!
-{ read -r nothing <&"$pipe"; kill "$solver"; } >/dev/null 2>&1 & watch=$!
-wait "$solver"; status=$?; kill "$watch" 2>/dev/null; exit $status"""
 
 
 class RunsError(Exception):
@@ -312,24 +308,14 @@ class Runner:
         limit = min(self.longest, self.left())
         if limit <= 0.0:
             raise OutOfTimeError
-        pipe, _ = _pipe()
-        command = ["/bin/sh", "-c", START, "sh", str(pipe), self.biela.resolve(), "--quiet", "--output", "out", "deck.nml"]
-        child = subprocess.Popen(
-            command,
-            cwd=place,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-            pass_fds=(pipe,),
-        )
+        child = solver_start.start([self.biela.resolve(), "--quiet", "--output", "out", "deck.nml"], place)
         self.children.add(child)
         if self.stopped.is_set():
             _end(child)
         begun = time.monotonic()
         try:
             _, told = child.communicate(timeout=limit)
-            status = child.returncode if child.returncode <= 128 else 128 - child.returncode
+            status = solver_start.status(child)
         except subprocess.TimeoutExpired:
             reached = _reached(child)
             if limit < self.longest:
@@ -386,12 +372,6 @@ def _median(outcomes: Sequence[Outcome]) -> Outcome:
 def _of_children() -> float:
     """Return the seconds of the processor that all solvers that have ended took."""
     return sum(os.times()[2:4])
-
-
-@functools.cache
-def _pipe() -> tuple[int, int]:
-    """Return both ends of the pipe that ends with this process."""
-    return os.pipe()
 
 
 def _reached(child: subprocess.Popen) -> float:

@@ -10,20 +10,18 @@ import multiprocessing
 import os
 import re
 import shutil
-import subprocess
 import tempfile
 import threading
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from . import solver_start
 from .deck_text import DeckError, DeckText, parse, read
 from .sweep_scalars import Scalar, measure
 from .sweep_study import Study, StudyError, Target
 
 Assignments = tuple[tuple[str, ...], tuple[tuple[Target, object], ...]]
 
-_solvers: list[subprocess.Popen] = []  # at work in this process
 FAULT = re.compile(r"^(?P<deck>[^\s:]*?(?P<number>\d{6})\.nml)(?::\d+)?:\s*(?P<words>.*)$")
 
 
@@ -161,35 +159,22 @@ def _rows(batch: Batch, place: Path) -> list[Row]:
     names = [path.name for number, path in decks.items() if number not in said]
     stopped = ""
     if names:
-        status, told = _solve([batch.biela, "--quiet", *names], place)
+        with solver_start.start([batch.biela, "--quiet", *names], place) as solver:
+            _, told = solver.communicate()
         said |= _reasons(told)
-        stopped = f"the solver was stopped by signal {abs(status) % 128}" if not 0 <= status <= 128 else ""
+        status = solver_start.status(solver)
+        stopped = f"the solver was stopped by signal {-status}" if status < 0 else ""
     return [_row(number, place / "results" / path.stem, batch, said.get(number, stopped)) for number, path in decks.items()]
 
 
-def _solve(words: list[str], place: Path) -> tuple[int, str]:
-    """Call the solver in a folder; return its status and what it says on standard error."""
-    with subprocess.Popen(words, cwd=place, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as solver:
-        _solvers.append(solver)
-        _, told = solver.communicate()
-        _solvers.remove(solver)
-    return solver.returncode, told
-
-
 def end_with_parent() -> None:
-    """Let this worker and its solver end with the process that started it, which cannot tell them where it is killed."""
+    """Let this worker, and its solver with it, end with the process that started it, which cannot tell them where it is killed."""
 
     def watch() -> None:
         parent = multiprocessing.parent_process()
-        if parent is None:
-            return
-        parent.join()
-        for pause in (0.5, 0.0):  # [s]: one may have been about to start
-            for solver in list(_solvers):
-                solver.terminate()
-                solver.wait()  # it still tells this process what happened
-            time.sleep(pause)
-        os._exit(1)
+        if parent is not None:
+            parent.join()
+            os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
 
