@@ -2,7 +2,7 @@
 !> section 12): pilots beside a better model. The deck then has plain numbers, and all that follows sees an ordinary deck.
 module model_choice
   use kinds, only: wp, pi, ip
-  use accuracy_words, only: least_part
+  use accuracy_words, only: column_lines, least_part
   use build_scene, only: build
   use deck_geometry, only: removed_coordinates
   use deck_mesh, only: halve_elements, set_mesh
@@ -16,7 +16,7 @@ module model_choice
   use sorting, only: ascending
   use summary, only: add_warnings
   use summary_text, only: summary_record
-  use text, only: es_text, short_text, to_text
+  use text, only: short_text, to_text
   implicit none (type, external)
   private
   public :: begin_model, choose_model
@@ -127,28 +127,11 @@ contains
     call pilots%run(better, reference, lost)
     if (.not. lost%happened()) call pilots%run(run%d, found, lost, reference)
     call pilots%title(words, text)
-    if (allocated(found%error)) call error_lines(found, prefix, text)
+    if (allocated(found%error)) call column_lines(prefix//'errors', found%names, found%error, found%range, text)
     if (lost%status == status_failed) call add_warnings(text, run%d%path, 'warning: errors of the model are not known: '// &
                                                         lost%message//new_line('a'))
     call cost_line(pilots, prefix, text)
   end subroutine check_model
-
-  !> The errors of a pilot.
-  subroutine error_lines(found, prefix, text)
-    type(pilot_result), intent(in) :: found
-    character(*), intent(in) :: prefix               !! of the name of the figures
-    type(summary_record), intent(inout) :: text
-    character(:), allocatable :: share
-    integer :: k
-    call text%line('    column, largest error, of its range')
-    call text%open(prefix//'errors', '{')
-    do k = 1, size(found%error)
-      share = '  (constant but for rounding)'
-      if (found%range(k) > 0.0_wp) share = ' '//es_text(found%error(k)/found%range(k), 1)
-      call text%figure('    '//trim(found%names(k))//' ', trim(found%names(k)), found%error(k), 2, rest=share)
-    end do
-    call text%close()
-  end subroutine error_lines
 
   !> What all pilots have cost.
   subroutine cost_line(pilots, prefix, text)
@@ -245,7 +228,7 @@ contains
     call number_lines(d, 'elements', level > 0, d%bodies%elements, text)
     words = 'what the mesh makes columns err is not known'
     if (allocated(kept%error)) then
-      call error_lines(kept, 'mesh_', text)
+      call column_lines('mesh_errors', kept%names, kept%error, kept%range, text)
       words = worst_words(kept)
       error = kept%error
     end if
@@ -304,7 +287,7 @@ contains
       d = with_modes(high)
       call number_lines(d, 'modes', d%bodies%auto_modes, d%bodies%modes, text)
       if (high > 0) call text%line('  the highest at '//short_text(frequency(high), 2)//' Hz')
-      call error_lines(kept, '', text)
+      call column_lines('errors', kept%names, kept%error, kept%range, text)
       if (allocated(error)) kept%error = kept%error + error
       error = kept%error
     else

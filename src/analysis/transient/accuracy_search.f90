@@ -363,17 +363,11 @@ contains
   end function falls_slowly
 
   !> How many passes in a row, the last one and those before it, fall slowly.
-  pure integer function slow_passes(self, pass) result(n)
+  pure recursive integer function slow_passes(self, pass) result(n)
     class(pass_search), intent(in) :: self
     type(pass_record), intent(in) :: pass     !! the finest
-    integer :: k
-    n = merge(1, 0, falls_slowly(self, pass))
-    k = pass%other
-    do while (n > 0 .and. k > 0)
-      if (.not. falls_slowly(self, self%passes(k))) return
-      n = n + 1
-      k = self%passes(k)%other
-    end do
+    n = 0
+    if (falls_slowly(self, pass)) n = 1 + slow_passes(self, self%passes(pass%other))
   end function slow_passes
 
   !> What a witness tells of the pass before it.

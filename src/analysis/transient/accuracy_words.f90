@@ -14,7 +14,7 @@ module accuracy_words
   use transient, only: transient_march
   implicit none (type, external)
   private
-  public :: accuracy_lines, asked_errors
+  public :: accuracy_lines, asked_errors, column_lines
 
   real(wp), parameter :: noticed = 1.0e-2_wp           !! error of a column, of its range [-]
   real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
@@ -52,7 +52,8 @@ contains
     type(summary_record), intent(inout) :: text
     real(wp), allocatable :: e(:), range(:), x(:), asked(:)
     character(80), allocatable :: names(:)
-    character(:), allocatable :: doubt, share
+    logical, allocatable :: too_large(:)
+    character(:), allocatable :: doubt
     integer :: k
     names = compared_names(run)
     if (.not. march%check%stored) names = run%list%names(1:run%list%columns)
@@ -73,19 +74,10 @@ contains
           'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
       end if
       if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
-      call text%line('    column, largest error, of its range')
-      call text%open('estimated_errors', '{')
-      do k = 1, size(e)
-        share = ''
-        if (e(k) > asked(k)) share = ', more than is asked'
-        if (allocated(run%model_error) .and. asked(k) < huge(1.0_wp)) e(k) = e(k) + run%model_error(k)
-        if (range(k) > 0.0_wp) x(k) = e(k)/range(k)
-        if (range(k) > 0.0_wp) share = ' '//es_text(x(k), 1)//share
-        if (.not. range(k) > 0.0_wp) share = '  (constant but for rounding)'//share
-        call text%figure('    '//trim(names(k))//' ', trim(names(k)), e(k), 2)
-        call text%line(share)
-      end do
-      call text%close()
+      too_large = e > asked
+      if (allocated(run%model_error)) where (asked < huge(1.0_wp)) e = e + run%model_error
+      where (range > 0.0_wp) x = e/range
+      call column_lines('estimated_errors', names(:size(e)), e, range, text, too_large)
       call event_words(run, c, c%stored .and. all(c%error_ratio*c%error <= asked), text)
       if (c%stored) return
       call text%line('  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
@@ -106,6 +98,26 @@ contains
         '; use a smaller step or tolerance', text)
     end associate
   end subroutine error_lines
+
+  !> Errors of columns.
+  subroutine column_lines(name, columns, error, range, text, too_large)
+    character(*), intent(in) :: name           !! in summary.json
+    character(*), intent(in) :: columns(:)
+    real(wp), intent(in) :: error(:), range(:)   !! [of the column]
+    type(summary_record), intent(inout) :: text
+    logical, intent(in), optional :: too_large(:)
+    character(:), allocatable :: share
+    integer :: k
+    call text%line('    column, largest error, of its range')
+    call text%open(name, '{')
+    do k = 1, size(error)
+      share = '  (constant but for rounding)'
+      if (range(k) > 0.0_wp) share = ' '//es_text(error(k)/range(k), 1)
+      if (present(too_large)) share = share//trim(merge(', more than is asked', '                    ', too_large(k)))
+      call text%figure('    '//trim(columns(k))//' ', trim(columns(k)), error(k), 2, rest=share)
+    end do
+    call text%close()
+  end subroutine column_lines
 
   !> The error that each column may have beside that of the model [of the column]: the accuracy of its sensor times its range, or
   !> the sensor's floor; any where a column is constant but for rounding, or counts states or elements.
