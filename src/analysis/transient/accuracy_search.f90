@@ -27,7 +27,7 @@ module accuracy_search
   real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5 with its projection [-]
   real(wp), parameter :: growth = 1.7_wp               !! of the cost for a tenth of the tolerance [-]
   real(wp), parameter :: witness_share = 0.25_wp       !! cost of a witness at most, of the pass that it looks at [-]
-  real(wp), parameter :: hopeless = 4.0_wp             !! a pass is given up that costs so much more than expected [-]
+  real(wp), parameter :: hopeless = 10.0_wp            !! cost of dopri5 over that of radau, from which it is given up [-]
   real(wp), parameter :: safe_share = 0.97_wp          !! of the stable bound, for rk4 [-]
 
   !> A pass that has been made.
@@ -201,13 +201,18 @@ contains
     end associate
   end subroutine set
 
-  !> Whether the pass under way has cost more than it may, or the search has taken its time and has results.
-  logical function spent(self, cost, most_seconds) result(yes)
+  !> Whether the pass under way has cost more than it may, or the search has taken its time and has results. A pass of the results
+  !> goes on unless its whole cost, at the rate so far, is far more.
+  logical function spent(self, cost, reached, most_seconds) result(yes)
     class(pass_search), intent(in) :: self
     real(wp), intent(in) :: cost              !! so far [-]
+    real(wp), intent(in) :: reached           !! [s]
     real(wp), intent(in) :: most_seconds      !! [s]
     integer(ip) :: now, rate
-    yes = cost > self%passes(self%count)%budget
+    associate (pass => self%passes(self%count))
+      yes = cost > pass%budget
+      if (yes .and. pass%role == member .and. .not. self%alone) yes = cost*self%t_end > hopeless*pass%budget*reached
+    end associate
     if (self%delivered == 0 .and. .not. self%alone .or. .not. most_seconds < huge(1.0_wp)) return
     call system_clock(now, rate)
     yes = yes .or. real(now - self%began, wp) > most_seconds*real(rate, wp)
@@ -270,7 +275,7 @@ contains
       self%delivered = self%count
     end if
     call self%rows%forget()
-    if (self%spent(0.0_wp, most_seconds)) then
+    if (self%spent(0.0_wp, 0.0_wp, most_seconds)) then
       call finish(self, .false., 'most_seconds ended the search')
     else if (end%role == pilot) then
       call choose(self, end)
@@ -283,15 +288,15 @@ contains
     end if
   end subroutine judge
 
-  !> The method, after the pilot. dopri5 is given up where it costs far more than radau would: bending or turning has then made its
-  !> stable step much shorter.
+  !> The method, after the pilot. dopri5 is given up where it costs far more than radau would: bending, turning or contact has then
+  !> made its stable step much shorter.
   subroutine choose(self, pass)
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass     !! of the pilot
     real(wp) :: cost                          ! of radau [-]
     cost = self%predicted_cost('radau', first_setting(self, 'radau')*finer(self, pass))
     if (pass%outcome /= finished .or. cost > self%explicit_cost) then
-      call add_first(self, 'dopri5', 'the stable step of dopri5 asks for less than radau', hopeless*cost)
+      call add_first(self, 'dopri5', 'the stable step of dopri5 asks for less than radau', cost)
       return
     end if
     self%choice = 'radau resolves the motion at less cost than the stable step of dopri5 asks for'

@@ -187,7 +187,7 @@ contains
       outcome = paused
       do while (outcome == paused)
         call one_portion(run, march, from, to, outcome)
-        if (march%search%active) march%stopped = march%search%spent(march%cost(run), r%most_seconds)
+        if (march%search%active) march%stopped = march%search%spent(march%cost(run), march%method%t, r%most_seconds)
         if (march%stopped .and. outcome == paused) return
         if (outcome == paused) call interrupt(run, march, fail)
         if (fail%happened()) return
