@@ -21,7 +21,7 @@ module run_deck
   use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
   use tableaux, only: method_names
-  use step_advice, only: stability_advice, advise, find_turning_line, line_turn
+  use step_advice, only: stability_advice, advise
   use step_monitor, only: method_number
   use step_counts, only: actual_step
   use stop_advice, only: advise_stops
@@ -32,6 +32,7 @@ module run_deck
   use accuracy_run, only: run_to_accuracy
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
+  use turning_advice, only: advise_turning
   use typical_mistakes, only: warn_of_mistakes
   use validity, only: thick_beams
   implicit none (type, external)
@@ -188,7 +189,7 @@ contains
     if (k == 0) then
       line = trim(run%d%transient%method)//', stable with any step for small vibrations: accuracy alone sets it'
       call text%line('  this deck: '//line)
-      if (run%d%transient%method == 'generalized_alpha') call turning_line_bound(run, text)
+      if (run%d%transient%method == 'generalized_alpha') call advise_turning(run, fixed_step_of(run), text)
       return
     else if (run%d%transient%adaptive) then
       line = trim(method_names(k))//' with tolerance='//to_text(run%d%transient%tolerance)//': the error control keeps '// &
@@ -213,28 +214,6 @@ contains
     end if
     call text%line('  this deck: '//line)
   end subroutine deck_step
-
-  !> The step up to which generalized_alpha is known to be stable with one mass on a line that turns; a warning where the deck's
-  !> step is longer.
-  subroutine turning_line_bound(run, text)
-    type(run_state), intent(in) :: run
-    type(summary_record), intent(inout) :: text
-    character(:), allocatable :: name
-    real(wp) :: rate                        ! [rad/s]
-    associate (nq => run%sys%m%s%nq, t => run%d%transient)
-      call find_turning_line(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq), t%t_end, rate, name)
-      if (rate <= 0.0_wp) return
-      call text%figure('    on the line of "'//name//'", which turns at ', 'line_rate', rate, 4)
-      call text%figure(' rad/s, with steps up to ', 'line_step', line_turn/rate, 4)
-      call text%line(' s ('//to_text(line_turn)//' rad a step; known for one mass that only slides: where masses share the line'// &
-                     ' or swing on it, smaller steps may be needed: compare with radau)')
-      if (t%adaptive .or. fixed_step_of(run)*rate <= line_turn) return
-      call add_warnings(text, t%at%file//':'//to_text(t%at%line), 'warning: transient/step: the line of "'//name//'" turns by '// &
-                        adjustl(es_text(fixed_step_of(run)*rate, 3))//' rad in a step of '//to_text(fixed_step_of(run))// &
-                        ' s, in which motion along it may grow without bound; expected at most '// &
-                        adjustl(es_text(line_turn/rate, 3))//' s, or radau'//new_line('a'))
-    end associate
-  end subroutine turning_line_bound
 
   !> Runs the analyses with the results folder locked.
   integer function run_in_folder(run, text) result(status)

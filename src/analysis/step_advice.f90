@@ -5,9 +5,8 @@ module step_advice
   use assembly_reports, only: assembly_report
   use deck_changes, only: can_change, change_body, change_words, mode_changes, without_ghm, without_rayleigh
   use deck_records, only: deck
-  use dynamics, only: evaluate_start, marker_kinematics
+  use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
-  use history, only: drive_values
   use mechanism, only: mechanism_model
   use safe_bound, only: find_safe_bound
   use spectrum, only: fast_spectrum
@@ -20,9 +19,7 @@ module step_advice
   use validity, only: bend_to_limit
   implicit none (type, external)
   private
-  public :: advise, stability_advice, find_turning_line
-
-  real(wp), parameter, public :: line_turn = 0.7_wp   !! of a line in a step of generalized_alpha (theory.md, section 7) [rad]
+  public :: advise, stability_advice
 
   !> Both bounds and their explanation, for the summary.
   type :: stability_advice
@@ -33,43 +30,6 @@ module step_advice
   end type stability_advice
 
 contains
-
-  !> The line on which a joint or a drive holds a body and that turns fastest: with the body that carries it at the start, or as a
-  !> drive turns that body during the run.
-  subroutine find_turning_line(m, ev, q, v, t_end, rate, name)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) assembled [m, rad] and per second
-    real(wp), intent(in) :: t_end              !! [s]
-    real(wp), intent(out) :: rate              !! 0: none turns [rad/s]
-    character(:), allocatable, intent(out) :: name   !! of the joint or drive
-    integer, parameter :: times = 1000         ! at which a drive is asked for its rate
-    type(evaluation) :: work
-    real(wp) :: fastest, h(0:2)
-    integer :: i, j, k
-    work = ev
-    call marker_kinematics(m, work, q, v)
-    rate = 0.0_wp
-    name = ''
-    do i = 1, size(m%s%constraints)
-      associate (line => m%s%constraints(i)%item)
-        if (.not. line%line_turns()) cycle
-        fastest = abs(work%p%rate(line%ib))
-        do j = m%s%joints + 1, m%s%permanent
-          associate (drive => m%s%constraints(j)%item)
-            if (.not. drive%angular .or. m%markers%body(drive%ia) /= m%markers%body(line%ib)) cycle
-            do k = 0, times
-              call drive_values(drive%target, drive%rate, drive%origin, k*t_end/times, .false., h)
-              fastest = max(fastest, abs(h(1)))
-            end do
-          end associate
-        end do
-        if (fastest <= rate) cycle
-        rate = fastest
-        name = trim(line%name)
-      end associate
-    end do
-  end subroutine find_turning_line
 
   !> Both bounds at the present state, with their explanation.
   subroutine advise(d, m, ev, q, advice)
