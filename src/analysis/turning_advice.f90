@@ -58,7 +58,7 @@ contains
                        ' 1/s: compare with radau or smaller steps')
         return
       end if
-      call text%figure('small motions about the start grow with no step up to ', 'line_step', bound, 4)
+      call text%figure('small motions about the start grow in this run with no step up to ', 'line_step', bound, 4)
       call text%line(' s (spectral_radius='//to_text(t%spectral_radius)//')')
       call text%member('line_swing', json_number(swing))
       if (swing > small) then

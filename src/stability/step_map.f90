@@ -4,7 +4,8 @@
 !>   M x'' + C x' + K x + J^T lambda = 0       J x = 0
 !>
 !> but the method's sequences follow components in axes at rest: v = x' + W x, v' = x'' + 2 W x' + (W^2 + W') x in them, and a step
-!> later each is seen from axes that have turned on. Eigenvalues above 1 are motions that the method makes grow (theory.md, section 7).
+!> later each is seen from axes that have turned on. Eigenvalues above 1 are motions that the method makes grow (theory.md,
+!> section 7).
 module step_map
   use kinds, only: wp
   use generalized_alpha, only: alpha_method, alpha_step, step_coefficients
@@ -78,6 +79,18 @@ contains
     end do
   end subroutine fill
 
+  !> Columns of a unit matrix, from one row on.
+  pure function identity(n, columns, before) result(e)
+    integer, intent(in) :: n, columns
+    integer, intent(in) :: before                !! columns of zeros before the first of them
+    real(wp) :: e(n, columns)                    !! [-]
+    integer :: i
+    e = 0.0_wp
+    do i = 1, n
+      e(i, before + i) = 1.0_wp
+    end do
+  end function identity
+
   !> The largest modulus of an eigenvalue of the map from (x, h v, h2 v', h3 lag, h offset) to the same a step later
   !> (`alpha_newton`, with the step for the unit of time); 0 where it cannot be computed.
   real(wp) function growth(self, method, h)
@@ -86,8 +99,7 @@ contains
     real(wp), intent(in) :: h                    !! [s]
     real(wp), dimension(self%n, 5*self%n) :: x, v, vd, lag, offset, a, a1
     real(wp), dimension(self%n, self%n) :: m, c, q, w, s
-    real(wp), allocatable :: matrix(:, :), y(:, :), d(:, :), g1(:, :), g2(:, :), map(:, :), wr(:), wi(:), work(:)
-    integer, allocatable :: pivots(:)
+    real(wp), allocatable :: dx(:, :), d(:, :), g1(:, :), g2(:, :), map(:, :), wr(:), wi(:), work(:)
     type(alpha_step) :: step
     real(wp) :: left(1, 1), right(1, 1)
     integer :: i, info
@@ -102,11 +114,11 @@ contains
     end do
     where (abs(w) > 0.0_wp) q = -sin(w)
     associate (n => self%n, rows => self%rows, k => self%k, j => self%j)
-      x = part(1)
-      v = part(2)
-      vd = part(3)
-      lag = part(4)
-      offset = part(5)
+      x = identity(n, 5*n, 0)
+      v = identity(n, 5*n, n)
+      vd = identity(n, 5*n, 2*n)
+      lag = identity(n, 5*n, 3*n)
+      offset = identity(n, 5*n, 4*n)
       a = vd + lag
       a1 = vd + step%aa*lag
       x = matmul(q, x + v + step%qa*a + step%qa1*a1 - offset)
@@ -114,26 +126,15 @@ contains
       vd = matmul(q, vd)
       lag = matmul(q, lag)
       offset = matmul(q, offset)
-      allocate (matrix(n + rows, n + rows), y(n + rows, 5*n + rows), source=0.0_wp)
-      allocate (pivots(n + rows))
-      matrix(1:n, 1:n) = step%c1*m + step%c2*c + k
-      associate (scale => maxval(abs(matrix)))
-        matrix(n + 1:, 1:n) = scale*j
-        matrix(1:n, n + 1:) = transpose(matrix(n + 1:, 1:n))
-        y(1:n, 1:5*n) = -(matmul(m, vd) + matmul(c, v) + matmul(k, x))
-        y(n + 1:, 1:5*n) = -scale*matmul(j, x)
-        do i = 1, rows
-          y(n + i, 5*n + i) = scale
-        end do
-      end associate
-      call dgesv(n + rows, 5*n + rows, matrix, n + rows, pivots, y, n + rows, info)
+      call solve(step%c1*m + step%c2*c + k, -(matmul(m, vd) + matmul(c, v) + matmul(k, x)), -matmul(j, x), dx, info)
       growth = 0.0_wp
       if (info /= 0) return
-      d = y(1:n, 5*n + 1:)                       ! motions that close the rows
+      call solve(m, 0*transpose(j), identity(rows, rows, 0), d, info)   ! motions that close the rows
+      if (info /= 0) return
       a = vd
-      x = x + y(1:n, 1:5*n)
-      v = v + step%c2*y(1:n, 1:5*n)
-      vd = vd + step%c1*y(1:n, 1:5*n)
+      x = x + dx
+      v = v + step%c2*dx
+      vd = vd + step%c1*dx
       g1 = matmul(j, v - matmul(w, x))
       g2 = matmul(j, vd - 2*matmul(w, v) + matmul(s, x))
       offset = -matmul(d, g2/step%c1 - matmul(j, offset))
@@ -150,15 +151,23 @@ contains
       if (info == 0) growth = maxval(hypot(wr, wi))
     end associate
   contains
-    !> One of the five parts of the method's variables, each unit vector a column.
-    pure function part(p) result(e)
-      integer, intent(in) :: p
-      real(wp) :: e(self%n, 5*self%n)
-      integer :: i
-      e = 0.0_wp
-      do i = 1, self%n
-        e(i, (p - 1)*self%n + i) = 1.0_wp
-      end do
-    end function part
+    !> Solves T y + J^T mu = f, J y = g.
+    subroutine solve(t, f, g, y, info)
+      real(wp), intent(in) :: t(:, :)            !! (n, n) [N/m]
+      real(wp), intent(in) :: f(:, :), g(:, :)   !! (n, columns) [N], (rows, columns) [m]
+      real(wp), allocatable, intent(out) :: y(:, :)   !! (n, columns) [m]
+      integer, intent(out) :: info
+      real(wp) :: a(self%n + self%rows, self%n + self%rows), b(self%n + self%rows, size(f, 2)), scale
+      integer :: pivots(self%n + self%rows)
+      scale = maxval(abs(t))                     ! of the rows, as large as T
+      a = 0.0_wp
+      a(1:self%n, 1:self%n) = t
+      a(self%n + 1:, 1:self%n) = scale*self%j
+      a(1:self%n, self%n + 1:) = scale*transpose(self%j)
+      b(1:self%n, :) = f
+      b(self%n + 1:, :) = scale*g
+      call dgesv(size(a, 1), size(b, 2), a, size(a, 1), pivots, b, size(a, 1), info)
+      y = b(1:self%n, :)
+    end subroutine solve
   end function growth
 end module step_map

@@ -93,7 +93,7 @@ contains
   end subroutine close_rates
 
   !> By how much the rates of index-3 solutions are off where a step begins: method%offset h2 v'' along the constraints. The rows'
-  !> kinematics a step later give v'', without what phi'' = 0 is open by.
+  !> kinematics a step later give v'', without what phi'' = 0 is open by. Gaps are asked for at the state itself last.
   subroutine find_offset(self, system, t)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -103,10 +103,10 @@ contains
     associate (nq => self%nq, gap => self%gaps, h => self%now%h, a => self%vd(1:self%nq))
       self%x1(1:nq) = self%x(1:nq) + h*self%v(1:nq) + 0.5_wp*h**2*a
       self%v1(1:nq) = self%v(1:nq) + h*a
-      call system%gaps(t, self%x(1:nq), self%v(1:nq), a, a, gap(:, 0:2))
-      gap(:, 3) = -gap(:, 2)
       call system%gaps(t + h, self%x1(1:nq), self%v1(1:nq), a, a, gap(:, 0:2))
-      gap(:, 3) = self%method%offset*h*(gap(:, 2) + gap(:, 3))
+      gap(:, 3) = gap(:, 2)
+      call system%gaps(t, self%x(1:nq), self%v(1:nq), a, a, gap(:, 0:2))
+      gap(:, 3) = self%method%offset*h*(gap(:, 3) - gap(:, 2))
       call close_rows(self, system, self%x, gap(:, 3:3), [h], moves_little)
       self%offset = merge(self%closing(:, 1), 0.0_wp, moves_little(1))
     end associate
