@@ -176,6 +176,19 @@ def test_what_a_fine_tolerance_costs_is_no_reason_to_change_the_method(run_deck)
     assert run.figures["accuracy"]["kept"]
 
 
+def test_a_contact_that_stays_closed_is_left_to_radau(run_deck):
+    """Open, as at the start, it does not limit the steps of dopri5; closed it does, a thousand times."""
+    deck = PENDULUM.replace("com=0.5,0.0", "com=0.5,0.0 angle=0.3")
+    deck += "&spring name='t' type='torsional' body_a='b' stiffness=2.0 free_angle=0.3 /\n"
+    deck += "&stop name='s' type='rotation' body_a='b' lower=0.0 stiffness=1e9 exponent=1.0 restitution=0.3 /\n"
+    run = run_deck(deck + "&sensor name='a' quantity='angle' body='b' /\n&transient t_end=1.0 output_step=0.01 accuracy=1e-2 /\n")
+    first, second = (p for p in run.figures["accuracy"]["passes"][1:3])
+    assert (first["method"], second["method"]) == ("dopri5", "radau")
+    assert first["reached"] < 1.0
+    assert first["cost"] < 1e4
+    assert run.figures["accuracy"]["kept"]
+
+
 def test_a_coarse_pass_that_is_enough_costs_little(run_deck):
     """Cost alone ends a search by radau: here dopri5 would need fifty times as much."""
     text = random_springs(953834001)
