@@ -161,9 +161,9 @@ $(VENV): requirements.txt setup.sh | $(TOOLS)
 
 # --- what a change of compiler, options or of the list of sources makes out of date
 $(B)/flags: FORCE
-	@mkdir -p $(@D); echo '$(FC) $(FLAGS) $(FLAGS_once) $(LDLIBS)' | cmp -s - $@ || echo '$(FC) $(FLAGS) $(FLAGS_once) $(LDLIBS)' > $@
+	@mkdir -p $(@D); [ "$$(cat $@ 2>&1)" = '$(FC) $(FLAGS) $(FLAGS_once) $(LDLIBS)' ] || echo '$(FC) $(FLAGS) $(FLAGS_once) $(LDLIBS)' > $@
 $(B)/sources: FORCE
-	@mkdir -p $(@D); echo '$(SOURCES)' | cmp -s - $@ || echo '$(SOURCES)' > $@
+	@mkdir -p $(@D); [ "$$(cat $@ 2>&1)" = '$(SOURCES)' ] || echo '$(SOURCES)' > $@
 
 # --- the complex twins: their text, with the names of twins in it
 NAMES    := $(subst $(eval ) ,\|,$(notdir $(TWINS:.f90=)))
@@ -207,7 +207,7 @@ END { for (e in edge) { split(e, part, " "); if (part[2] in home && home[part[2]
 endef
 export DEPENDENCIES
 $(B)/depend.mk: $(SOURCES) $(COMPLEX) $(B)/sources Makefile
-	@awk "$$DEPENDENCIES" $(SOURCES) $(COMPLEX) > $@
+	@awk "$$DEPENDENCIES" $(SOURCES) $(COMPLEX) > $@.new && mv $@.new $@
 ifneq ($(filter-out clean help lint setup uninstall debug sanitize coverage test-debug,$(or $(MAKECMDGOALS),all)),)
   include $(B)/depend.mk
 endif

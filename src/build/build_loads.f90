@@ -12,7 +12,8 @@ module build_loads
   use scene_model, only: scene
   use stop_row, only: stop_row_model
   use springs, only: spring_model, linear_model, torsional_model
-  use stops, only: stop_model, clearance_stop, position_stop, rotation_stop, rebound_factor
+  use stop_kinds, only: clearance_stop, position_stop, rotation_stop
+  use stops, only: stop_model, rebound_factor
   use text, only: quoted
   implicit none (type, external)
   private

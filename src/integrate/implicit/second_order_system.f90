@@ -74,7 +74,7 @@ module second_order_system
       real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (nq) [m, rad], rates, accelerations
       real(wp), intent(in), contiguous :: z(:)               !! (nz) [m, rad]
       real(wp), intent(in), contiguous :: lambda(:)          !! (rows) [N]
-      logical, intent(in) :: left_limit       !! jumps of the loads at t are not yet felt
+      logical, intent(in) :: left_limit       !! jumps of the loads at t do not act yet
       real(wp), intent(out), contiguous :: r(:)              !! (nq) [N, N m]
       real(wp), intent(out), contiguous :: gap(:)            !! (rows) [m] or [m/s]
     end subroutine find_residual
@@ -109,7 +109,7 @@ module second_order_system
       complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
       complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
     end subroutine solve_complex
-    !> The deformation that each internal variable follows, f of linear states; jumps at t are not yet felt.
+    !> The deformation that each internal variable follows, f of linear states; jumps at t do not act yet.
     subroutine find_deformations(self, t, q, v, delta)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self

@@ -131,7 +131,7 @@ contains
     class(controller_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: t                 !! [s]
-    logical, intent(in) :: left_limit         !! a jump of the reference at t is not yet felt
+    logical, intent(in) :: left_limit         !! a jump of the reference at t does not act yet
     real(wp), intent(in) :: x(:)              !! (states) [any]
     real(wp) :: w(self%states + control_parts)        ! [any]
     real(wp) :: h(-1:2), now, rate, g(6)
@@ -199,7 +199,7 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     integer, intent(in) :: state              !! of a sampled one the number of the next sample
     real(wp), intent(in) :: w(:)              !! (states + 5) [any]
-    logical, intent(in) :: left_limit         !! a jump of the reference at t is not yet felt
+    logical, intent(in) :: left_limit         !! a jump of the reference at t does not act yet
     real(wp), intent(out) :: g(2)             !! positive until the event; huge: not watched [any] or [s]
     real(wp), intent(out) :: rate(2)          !! huge: not known [any/s] or [-]
     real(wp), intent(out) :: zero(2)          !! a value so small is rounding [any] or [s]

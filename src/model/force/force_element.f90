@@ -20,7 +20,7 @@ module force_element
   !> What an element may depend on beside the motion of its markers and its internal variables.
   type, public :: conditions
     real(wp) :: t = 0.0_wp                !! time [s]
-    logical :: left_limit = .false.       !! a jump of a history at t is not yet felt
+    logical :: left_limit = .false.       !! a jump of a history at t does not act yet
     integer :: stage = stage_transient    !! the analysis: stage_static or stage_transient
     real(wp) :: load_factor = 1.0_wp      !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp        !! fraction of the springs' prestress that acts [-]

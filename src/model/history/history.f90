@@ -42,7 +42,7 @@ module history
       import :: history_model, wp
       class(history_model), intent(in) :: self
       real(wp), intent(in) :: t           !! [s]
-      logical, intent(in) :: left_limit   !! the limit from below: a jump at t (of the value or a derivative) is not yet felt
+      logical, intent(in) :: left_limit   !! the limit from below: a jump at t (of the value or a derivative) does not act yet
       real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
     end subroutine values_at_time
   end interface

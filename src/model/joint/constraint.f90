@@ -18,7 +18,7 @@ module constraint
     real(wp), allocatable :: sc(:)        !! (n) of rows with a carrier: with respect to its section angle [m]
     real(wp), allocatable :: phi(:)       !! (n) Phi [m]
     real(wp), allocatable :: phi_t(:)     !! (n) its partial derivative in time [m/s]
-    logical :: left_limit = .false.       !! jumps of histories at the time of evaluation are not yet felt
+    logical :: left_limit = .false.       !! jumps of histories at the time of evaluation do not act yet
     real(wp), allocatable :: acceleration_bias(:) !! (n) part of the second derivative beside the markers' accelerations [m/s2]
     logical, allocatable :: off(:)        !! (n) it holds nothing now; allocated where rows switch
     real(wp), allocatable :: acceleration(:)   !! (n) second derivatives, zero but for rounding of rows that hold; likewise [m/s2]
