@@ -207,7 +207,7 @@ END { for (e in edge) { split(e, part, " "); if (part[2] in home && home[part[2]
 endef
 export DEPENDENCIES
 $(B)/depend.mk: $(SOURCES) $(COMPLEX) $(B)/sources Makefile
-	@awk "$$DEPENDENCIES" $(SOURCES) $(COMPLEX) > $@.new && mv $@.new $@
+	@awk "$$DEPENDENCIES" $(SOURCES) $(COMPLEX) > $@
 ifneq ($(filter-out clean help lint setup uninstall debug sanitize coverage test-debug,$(or $(MAKECMDGOALS),all)),)
   include $(B)/depend.mk
 endif
