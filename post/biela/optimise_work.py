@@ -26,6 +26,8 @@ EVERY_CHOICE = 64  # combinations of the lists, each of which is searched
 SPREAD = 2.0  # sigma of the distance within which a better place of the sample rules a start out
 ACTIVE = 1.0e-4  # distance from a limit at which it holds the optimum back, of the value's size; or the error of its run
 POLL = (0.05, 2.0e-4)  # first and last step of polls, in parts of the ranges
+SOFT = 1.0e-3  # weight of the size of a plane's normal, to that of runs on its wrong side
+SHRINK = 0.6  # of the step of a poll, each time that none of its designs is better
 NEAR = 5.0  # steps within which runs say where a wall is
 EXCHANGES = 20  # rounds in which one list after the other is tried
 
@@ -305,7 +307,7 @@ def _poll(runs: DesignRuns, space: Space, found: Optimum) -> None:
         places = [np.clip(units + step * way, 0.0, 1.0) for way in ways]
         merits = [found.goal.merit(one) for one in runs.of([space.point(place, found.choice) for place in places])]
         k = min(range(len(places)), key=lambda k: merits[k])
-        step *= 0.5
+        step *= SHRINK
         if merits[k] < merit:
             units, merit, step = places[k], merits[k], min(2.0 * step, POLL[0])
 
@@ -313,7 +315,8 @@ def _poll(runs: DesignRuns, space: Space, found: Optimum) -> None:
 def _beside_a_wall(runs: DesignRuns, space: Space, found: Optimum, units: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the unit slope of the objective and the unit normal into the side where runs do not fail, from the runs nearby.
 
-    The normal is zero where no run nearby has failed. The plane has the largest margin (a linear programme).
+    The normal is zero where no run nearby has failed. The plane is that of a support vector machine of 1-norm, by a linear
+    programme: where a wall is curved, or a run failed by rounding, no plane has all runs on their right sides.
     """
     from scipy.optimize import linprog
 
@@ -328,14 +331,17 @@ def _beside_a_wall(runs: DesignRuns, space: Space, found: Optimum, units: np.nda
     if len(good) > count:
         ways, values = np.array([way for way, _ in good]), np.array([value for _, value in good])
         fitted = np.linalg.lstsq(ways - ways.mean(axis=0), values - values.mean(), rcond=1.0e-3)
-        slope = fitted[0] if fitted[2] == count else slope
+        slope = fitted[0] if fitted[2] == count or not np.isfinite(slope).all() else slope
     slope = np.nan_to_num(slope)
     normal = np.zeros(count)
-    if bad:
-        rows = [[*-way / step, -1.0, 1.0] for way, _ in good] + [[*way / step, 1.0, 1.0] for way in bad]
-        bounds = [(-1.0, 1.0)] * count + [(None, None), (None, None)]
-        plane = linprog([0.0] * (count + 1) + [-1.0], A_ub=rows, b_ub=np.zeros(len(rows)), bounds=bounds)
-        normal = plane.x[:count] if plane.status == 0 else normal
+    if bad and good:
+        # normal, its size by parts above and below zero, place, by how much each run is on the wrong side
+        rows = np.array([[*-way / step, -1.0] for way, _ in good] + [[*way / step, 1.0] for way in bad])
+        rows = np.hstack([rows[:, :-1], -rows[:, :-1], rows[:, -1:], -np.eye(len(rows))])
+        costs = [SOFT] * (2 * count) + [0.0] + [1.0] * len(rows)
+        bounds = [(0.0, None)] * (2 * count) + [(None, None)] + [(0.0, None)] * len(rows)
+        plane = linprog(costs, A_ub=rows, b_ub=-np.ones(len(rows)), bounds=bounds)
+        normal = plane.x[:count] - plane.x[count : 2 * count] if plane.status == 0 else normal
     return slope / (np.linalg.norm(slope) or 1.0), normal / (np.linalg.norm(normal) or 1.0)
 
 

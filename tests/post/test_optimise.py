@@ -41,12 +41,12 @@ def optimise(tmp_path, biela, monkeypatch):
     return run
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
-def test_known_optima_are_found_from_places_that_are_drawn(optimise, tmp_path, monkeypatch, name):
+@pytest.mark.parametrize(("name", "drawn"), [*((name, 1) for name in PROBLEMS), ("runs that fail", 303)])
+def test_known_optima_are_found_from_places_that_are_drawn(optimise, tmp_path, monkeypatch, name, drawn):
     problem = PROBLEMS[name]
     spread_out = design_space.Space.spread_out
-    monkeypatch.setattr(design_space.Space, "spread_out", lambda self, count, seed=0: spread_out(self, count, seed + 7777))
-    monkeypatch.setattr(design_space.Space, "start", lambda self: np.random.default_rng(1).random(len(self.free)))
+    monkeypatch.setattr(design_space.Space, "spread_out", lambda self, count, seed=0: spread_out(self, count, seed + drawn))
+    monkeypatch.setattr(design_space.Space, "start", lambda self: np.random.default_rng(drawn).random(len(self.free)))
     install(monkeypatch, tmp_path, problem)
     status, found = optimise("--no-pictures")
     assert status == 0
