@@ -1,4 +1,4 @@
-!> Friction of joints where small motions about a state are looked at: joints that stick there are held, those that slide feel a
+!> Friction of joints in small motions about a state: joints that stick there are fixed, those that slide are under a
 !> constant force. `friction='free'` leaves it out.
 module held_friction
   use friction_law, only: row_stuck

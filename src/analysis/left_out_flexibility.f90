@@ -106,7 +106,7 @@ contains
     end do
   end function body_shares
 
-  !> What displacements of the nodes of a body do to the columns: the body gets them for its first mode.
+  !> Change of the columns by displacements of a body's nodes, which the body gets as its first mode.
   function responses(run, k, b, y) result(columns)
     type(run_state), intent(inout) :: run
     integer, intent(in) :: k                     !! number of the body

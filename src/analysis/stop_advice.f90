@@ -1,4 +1,4 @@
-!> What contacts with the stops of a scene ask of steps, by an example: nothing is known yet of the speeds at which they will touch.
+!> Steps that contacts with the stops of a scene need, by an example: the speeds at which they will touch are not yet known.
 module stop_advice
   use kinds, only: wp, pi
   use contact_mass, only: mass_at, drives_against

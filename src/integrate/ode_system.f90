@@ -1,4 +1,4 @@
-!> What an integrator sees: a system y' = f(t, y) with a manifold that accepted states are projected onto. No mechanics.
+!> The system of an integrator: y' = f(t, y) with a manifold that accepted states are projected onto. No mechanics.
 module ode_system
   use kinds, only: wp
   implicit none (type, external)
@@ -79,7 +79,7 @@ contains
     zero = 0.0_wp
   end subroutine no_roots
 
-  !> What events change: the system's own states, and the state y where an event makes it jump. Not ok where events follow one
+  !> Changes by events: of the system's own states, and of the state y where an event makes it jump. Not ok where events follow one
   !> another without end. Here: nothing.
   subroutine no_events(self, t, y, fallen, ok)
     class(ode), intent(inout) :: self

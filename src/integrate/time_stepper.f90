@@ -1,4 +1,4 @@
-!> What a transient sees of a method: it marches from one output time to the next, a few steps a call, and can be
+!> A method as a transient uses it: it marches from one output time to the next, a few steps a call, and can be
 !> saved between two calls and restored, so that a restarted run repeats the uninterrupted one bit for bit.
 !>
 !> A method says how a step of any length is tried from the present state and how a tried one is accepted. A step that is refused

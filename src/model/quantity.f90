@@ -118,7 +118,7 @@ contains
     end if
   end function rounding
 
-  !> What x and its rate depend on, components 1 to 3 of marker a, 4 to 6 of b: most on the places of both.
+  !> Components on which x and its rate depend: 1 to 3 of marker a, 4 to 6 of b. Most depend on the positions of both.
   pure function both_places(self) result(list)
     class(quantity_model), intent(in) :: self
     integer, allocatable :: list(:)

@@ -1,4 +1,4 @@
-!> What an element with discrete states watches.
+!> Roots of elements with discrete states.
 module root_watch
   use kinds, only: wp
   implicit none (type, external)

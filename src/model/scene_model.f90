@@ -14,7 +14,7 @@ module scene_model
   implicit none (type, external)
   private
 
-  !> What dissipates energy that is told by itself: a term of a material in all bodies, or a spring.
+  !> A cause of dissipation that the summary lists: a term of a material in all bodies, or a spring.
   type, public :: loss_cause
     integer :: material = 0
     integer :: term = 0                         !! of the material's law

@@ -104,7 +104,7 @@ contains
     end do
   end subroutine find_responses
 
-  !> What all controllers sense of a motion.
+  !> Quantities that the controllers sense in a motion.
   pure function sensed(self, s, x) result(y)
     class(loop_system), intent(in) :: self
     complex(wp), intent(in) :: s                       !! [1/s]

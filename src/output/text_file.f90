@@ -131,7 +131,7 @@ contains
     if (.not. self%failed) self%failed = .not. sync_file(self%handle)
   end subroutine sync
 
-  !> What a checkpoint keeps of a file that has just been synchronised: its length.
+  !> The length of a file that has just been synchronised, for the checkpoint.
   subroutine exchange(self, a)
     class(result_file), intent(inout) :: self
     type(value_archive), intent(inout) :: a

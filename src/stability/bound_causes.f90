@@ -11,7 +11,7 @@ module bound_causes
 
   real(wp), parameter :: takes_part = 1.0e-3_wp   !! share of a mode's strain energy from which a body is named [-]
 
-  !> What an eigenvalue belongs to.
+  !> Cause of an eigenvalue.
   type, public :: bound_cause
     character(:), allocatable :: what              !! in words
     integer :: body = 0                      !! body that carries the mode or has the material, 0: none

@@ -1,4 +1,4 @@
-!> What a step of generalized_alpha makes of small motions about a steady turn, as the matrix of the map from step to step. In axes
+!> A step of generalized_alpha for small motions about a steady turn, as the matrix of the map from step to step. In axes
 !> that turn with the bodies the linearised equations and the rows are constant,
 !>
 !>   M x'' + C x' + K x + J^T lambda = 0       J x = 0

@@ -21,7 +21,7 @@ module validity
   real(wp), parameter :: least_vibration = 1.0e-9_wp !! smallest amplitude of a vibration, of the deflection [-]
   real(wp), parameter :: part_period = 1.1_wp        !! error of a frequency taken from a part of a period [-]
 
-  !> What is kept of every body: its largest deflection [m], section rotation [rad] and spin [rad/s], and the sums of squared
+  !> Figures of every body: its largest deflection [m], section rotation [rad] and spin [rad/s], and the sums of squared
   !> elastic rates and accelerations, whose ratio is the squared frequency of the elastic motion.
   integer, parameter :: deflection = 1, rotation = 2, spin = 3, rates = 4, accelerations = 5
 

@@ -39,7 +39,7 @@ module evaluation_results
     real(wp), allocatable :: rigid_wrench(:, :) !! (3, sides) on the frame, elastic coordinates fixed [-, -, m]
   end type side_wrenches
 
-  !> What forces do to a flexible body's attached markers.
+  !> Motion of a flexible body's attached markers by forces.
   type :: attachment_results
     real(wp), allocatable :: ex(:, :)           !! (3, na) E_k m_ff^-1 Q_f [m/s2, rad/s2]
     real(wp), allocatable :: ey(:, :)           !! (3, na) E_k m_ff^-1 m_theta_f^T [m, -]
@@ -214,7 +214,7 @@ contains
     end associate
   end function slip_power
 
-  !> What force element k may depend on beside the motion of its markers, in the last evaluation.
+  !> Values on which force element k may depend beside the motion of its markers, in the last evaluation.
   pure type(conditions) function conditions_of(m, ev, k) result(with)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -237,8 +237,8 @@ contains
     if (m%s%forces(k)%item%row > 0) with%multiplier = ev%lambda(m%s%forces(k)%item%row)
   end function conditions_of
 
-  !> What the state integrates: power dissipated by all, put in, dissipated by each element that switches, also by friction, by each
-  !> term of each material, by each damped spring, and what sensors integrate.
+  !> Powers that the state integrates: power dissipated by all, put in, dissipated by each element that switches, also by friction,
+  !> by each term of each material, by each damped spring, and what sensors integrate.
   pure subroutine powers_of(m, ev, power)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev

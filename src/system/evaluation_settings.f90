@@ -1,4 +1,4 @@
-!> What an evaluation of the equations depends on beside the mechanism and its state.
+!> Settings of an evaluation beside the mechanism and its state.
 module evaluation_settings
   use kinds, only: wp
   use force_element, only: stage_transient
@@ -7,7 +7,7 @@ module evaluation_settings
   private
   public :: evaluation_options, usual_options, at_side, with_weak_pivots
 
-  !> What acts, and from which side of a jump.
+  !> Loads that act, and on which side of a jump.
   type :: evaluation_options
     real(wp) :: gravity(2) = 0.0_wp             !! [m/s2]
     real(wp) :: load_factor = 1.0_wp            !! fraction of the loads that acts [-]

@@ -34,7 +34,7 @@ module impacts
   real(wp), parameter :: stopped = 1.0e-13_wp         !! a rate so small is zero, sizes a second [1/s]
   real(wp), parameter :: at_rest = 1.0e-12_wp         !! an acceleration so small is none, of the largest of all rows [-]
 
-  !> What a pass over the rigid stops changes beside the state.
+  !> Results of a pass over the rigid stops beside the state.
   type, public :: impact_result
     logical :: any = .false.                  !! some stop was touched
     integer :: conflict = 0                   !! number of a stop that drives or other stops press beyond its limit; 0: none

@@ -11,7 +11,7 @@ module switched_rows
 
 contains
 
-  !> What rows that are off are open by counts for nothing.
+  !> Sets the gaps of rows that are off to zero.
   pure subroutine leave_open(ev, gap)
     type(evaluation), intent(in) :: ev
     real(wp), intent(inout) :: gap(:)        !! (rows) [m] or a derivative
@@ -19,7 +19,7 @@ contains
     where (ev%rows%off) gap = 0.0_wp
   end subroutine leave_open
 
-  !> What the multipliers of rows that are off miss of what they follow, instead of what the rows are open by.
+  !> For rows that are off: the error of their multipliers against the law that they follow, instead of their gaps.
   subroutine slip_gaps(m, ev, lambda, gap)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev

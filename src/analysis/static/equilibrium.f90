@@ -32,7 +32,7 @@ module equilibrium
   real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
   real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]
 
-  !> What Newton's method did.
+  !> Result of Newton's method.
   type :: equilibrium_report
     real(wp) :: residual = 0.0_wp                    !! largest residual over the largest force [-]
     real(wp) :: noise = 0.0_wp                       !! residual that rounding of the elastic forces alone may cause [-]

@@ -200,7 +200,7 @@ contains
     ok = .not. bad
   end subroutine mechanism_renew
 
-  !> What controllers make of motions that grow as the matrices say.
+  !> Gains of controllers for the constants of the matrices.
   subroutine set_gains(self)
     class(mechanism_system), intent(inout) :: self
     integer :: k

@@ -145,7 +145,7 @@ contains
     self%resolved(self%nz - system%linear + 1:) = 1.0_wp
   end subroutine prepare_step
 
-  !> What internal variables would be at the end of a step at zero deformation, from their predictions: last part of self%dx.
+  !> Internal variables at the end of a step at zero deformation, from their predictions: last part of self%dx.
   subroutine find_offsets(self, system, z, zd, zdd)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(in) :: system

@@ -1,4 +1,4 @@
-!> What the generalized-alpha method carries from step to step, and its checkpoint. Positions x hold the coordinates, then the
+!> The state of the generalized-alpha method from step to step, and its checkpoint. Positions x hold the coordinates, then the
 !> internal variables; both follow the same relations (`generalized_alpha`).
 module alpha_state
   use kinds, only: wp, ip
@@ -10,7 +10,7 @@ module alpha_state
   private
   public :: set_up_alpha, same_step, pack, exchange_alpha
 
-  !> What the last steps have shown of Newton's method, and its counts.
+  !> Newton's method in the last steps, and its counts.
   type, public :: newton_memory
     real(wp) :: contraction = 1.0_wp         !! of corrections when it was measured last; 1: unknown [-]
     real(wp) :: first = 0.0_wp               !! first correction of that step, scaled [-]

@@ -22,7 +22,7 @@ module generalized_alpha
     real(wp) :: offset = 0.0_wp         !! v of an index-3 solution is off the manifold by offset h2 q''' [-]
   end type alpha_method
 
-  !> What one step size makes of it.
+  !> Its coefficients for one step size.
   type :: alpha_step
     real(wp) :: h = 0.0_wp              !! [s]
     real(wp) :: c1 = 0.0_wp             !! d v1'/d q1 [1/s2]

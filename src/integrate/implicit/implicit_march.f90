@@ -56,7 +56,7 @@ module implicit_march
       real(wp), intent(in) :: h               !! [s]
       logical, intent(out) :: ok
     end subroutine solve_step
-    !> What was solved becomes the state; calls `end_step`.
+    !> The solved step becomes the state; calls `end_step`.
     subroutine take_step(self, system, h)
       import :: implicit_stepper, second_order_ode, wp
       class(implicit_stepper), intent(inout) :: self

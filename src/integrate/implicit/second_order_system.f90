@@ -1,4 +1,4 @@
-!> What implicit methods for second-order systems with constraints see, and no mechanics:
+!> The system of implicit methods: of second order, with constraints. No mechanics:
 !>
 !>   r(t, q, v, a, z, lambda) = 0      phi(t, q) = 0      inertia z'' + viscosity z' + z = deformation(q)
 !>
@@ -14,7 +14,7 @@ module second_order_system
   implicit none (type, external)
   private
 
-  !> The system. What `start_implicit` sets stays as it is; the last three belong to the last matrix of a single stage.
+  !> The system. What `start_implicit` sets stays as it is; the last three belong to the last matrices.
   type, abstract, extends(ode), public :: second_order_ode
     integer :: nq = 0                         !! positions
     integer :: nz = 0                         !! internal variables

@@ -19,7 +19,7 @@ module body
     real(wp) :: inertia = 0.0_wp              !! [kg m2]
   end type lump
 
-  !> Integrals of the elastic coordinates' shapes (theory.md, section 2), and what m_ff makes of them.
+  !> Integrals of the elastic coordinates' shapes (theory.md, section 2), and their solutions by m_ff^-1.
   type, public :: shape_integrals
     real(wp), allocatable :: sbar(:, :)       !! (nf, 2) S-bar transposed [kg]
     real(wp), allocatable :: i1f(:)           !! (nf) [kg m]

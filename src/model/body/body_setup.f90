@@ -119,7 +119,7 @@ contains
     allocate (b%basis, source=nodal)
   end subroutine make_nodal
 
-  !> What deformations and forces of the elements need.
+  !> Constants of the elements' deformations and forces.
   pure type(nodal_model) function element_basis(b) result(nodal)
     type(body_model), intent(in) :: b
     integer :: k
@@ -133,7 +133,7 @@ contains
     end do
   end function element_basis
 
-  !> What m_ff makes of the shape integrals, and the number of internal variables.
+  !> Solutions m_ff^-1 of the shape integrals, and the number of internal variables.
   subroutine finish_elastic(b)
     type(body_model), intent(inout) :: b
     real(wp) :: work(2, b%nf)                 ! [any]

@@ -175,7 +175,7 @@ contains
     if (body%shape%split) call rest_tangent(t, body, a2, a1, a0, q, v, a, dot_product(p, b), b)
   end subroutine body_tangent
 
-  !> What is left of the tangent at the angle where a turn of the undeformed body is split off, from products that stand.
+  !> Rest of the angle's diagonal entry where a turn of the undeformed body is split off, from the present products.
   subroutine rest_tangent(t, body, a2, a1, a0, q, v, a, pb, b)
     type(body_equations), intent(inout) :: t
     type(body_model), intent(in) :: body

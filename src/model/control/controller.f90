@@ -193,7 +193,7 @@ contains
     if (self%sample > 0.0_wp) limited = merge(1, merge(-1, 0, output <= self%lower), output >= self%upper)
   end function limited
 
-  !> What it watches: the distance to both limits, the way back from one, or the time to the next sample.
+  !> Its roots: the distance to both limits, the way back from one, or the time to the next sample.
   pure subroutine watch(self, t, state, w, left_limit, g, rate, zero)
     class(controller_model), intent(in) :: self
     real(wp), intent(in) :: t                 !! [s]
@@ -301,7 +301,7 @@ contains
     call solve_small(a, x)
   end subroutine solve
 
-  !> What a delay makes of a vibration, by its approximation [-].
+  !> Transfer function of a delay, by its approximation [-].
   pure complex(wp) function delayed(self, s)
     class(controller_model), intent(in) :: self
     complex(wp), intent(in) :: s              !! [1/s]

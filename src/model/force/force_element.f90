@@ -1,4 +1,4 @@
-!> What all springs and loads have in common: wrenches on a marker a and, where there is a second one, on a marker b. A kind says
+!> Base of all springs and loads: wrenches on a marker a and, where there is a second one, on a marker b. A kind says
 !> its wrenches with their powers; its tangent, energy and the rest where these are not zero.
 module force_element
   use kinds, only: wp
@@ -17,7 +17,7 @@ module force_element
   integer, parameter, public :: idle = 0   !! discrete state in which an element does nothing: a stop that is open
   integer, parameter, public :: held = huge(1)           !! linearised as though it acted both ways, wherever it is
 
-  !> What an element may depend on beside the motion of its markers and its internal variables.
+  !> Values on which an element may depend beside the motion of its markers and its internal variables.
   type, public :: conditions
     real(wp) :: t = 0.0_wp                !! time [s]
     logical :: left_limit = .false.       !! a jump of a history at t does not act yet
@@ -32,7 +32,7 @@ module force_element
     real(wp) :: multiplier = 0.0_wp       !! of its own constraint row, where it has one [N]
   end type conditions
 
-  !> What an element does at a state.
+  !> Forces and powers of an element at a state.
   type, public :: element_action
     real(wp) :: a(3) = 0.0_wp             !! force on marker a, global axes [N], and moment [N m]
     real(wp) :: b(3) = 0.0_wp             !! the same on marker b [N], [N m]
@@ -100,7 +100,7 @@ module force_element
       type(element_action), intent(inout) :: x
     end subroutine state_to_action
 
-    !> What it can act on, whatever the state.
+    !> Components of the markers on which it may act, in any state.
     pure function list_actions(self) result(yes)
       import :: force_model
       class(force_model), intent(in) :: self

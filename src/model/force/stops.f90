@@ -352,7 +352,7 @@ contains
       'limit: it '//self%measured_text(p)//'; expected bodies within the limits, or stiffness'
   end function begins_impossibly
 
-  !> What it measures beside its limits, as part of a sentence.
+  !> Its quantity beside its limits, as part of a sentence.
   pure function measured_text(self, p) result(text)
     class(stop_model), intent(in) :: self
     type(marker_states), intent(in) :: p

@@ -172,7 +172,7 @@ contains
     h = [origin + (now(-1) - at_start(-1)), now(0:1)]
   end subroutine drive_values
 
-  !> What a time that is a sum of steps may be off by [s].
+  !> Rounding error of a time that is a sum of steps [s].
   elemental function rounding_of(t) result(slack)
     real(wp), intent(in) :: t           !! [s]
     real(wp) :: slack

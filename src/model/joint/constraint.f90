@@ -1,4 +1,4 @@
-!> What all joints and drives have in common: rows of Phi(q, t) = 0 between two markers. A row's gradient with respect
+!> Base of all joints and drives: rows of Phi(q, t) = 0 between two markers. A row's gradient with respect
 !> to each marker is a unit wrench: a direction n (global) on the marker's position and s on its section angle. A gear acts
 !> on the section angle of a third marker, too. Rows are in metres: angles count times the scene's size.
 module constraint
@@ -96,7 +96,7 @@ module constraint
       type(constraint_rows), intent(inout) :: r
     end subroutine evaluate_rows
 
-    !> What the rows can act on, whatever the state.
+    !> Components of the markers on which the rows may act, in any state.
     pure function list_actions(self) result(yes)
       import :: constraint_model
       class(constraint_model), intent(in) :: self
@@ -172,7 +172,7 @@ contains
     x = 0.0_wp
   end function no_quantity
 
-  !> What a drive prescribes at t = 0.
+  !> Value that a drive prescribes at t = 0.
   pure function start_value(self) result(x)
     class(constraint_model), intent(in) :: self
     real(wp) :: x                                 !! [m] or [rad]

@@ -45,7 +45,7 @@ contains
     r%acceleration_bias(i) = w*dot_product(rates, matmul(h, rates))
   end subroutine stop_values
 
-  !> What makes metres of what the stop measures.
+  !> Factor from the unit of the stop's quantity to metres.
   pure real(wp) function weight(self)          ! [-] or [m]
     class(stop_row_model), intent(in) :: self
     weight = merge(self%size, 1.0_wp, self%stop%angular)

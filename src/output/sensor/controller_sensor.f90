@@ -5,7 +5,7 @@ module controller_sensor
   implicit none (type, external)
   private
 
-  !> What a controller does.
+  !> Quantity, output and reference of a controller.
   type, extends(sensor_model), public :: controller_sensor_model
     integer :: controller = 0                 !! its number
   contains

@@ -181,13 +181,13 @@ contains
     call substitute_placed(self, x)
   end subroutine solve_beside
 
-  !> What is added to the diagonal of a singular S.
+  !> The shift of the diagonal of a singular S.
   pure real(wp) function mean_shift(self)          ! [1/kg]
     class(multiplier_system), intent(in) :: self
     mean_shift = self%shift*sum(self%s(0, 1:self%n))/self%n
   end function mean_shift
 
-  !> Adds what that shift makes of multipliers to the right-hand side.
+  !> Adds that shift times given multipliers to the right-hand side.
   pure subroutine add_shift(self, lambda)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: lambda(:)         !! (rows) [N]

@@ -264,7 +264,7 @@ contains
     call subtract_couplings(self)
   end subroutine put
 
-  !> What has been solved for, in the rows' own order.
+  !> The solution, in the rows' own order.
   subroutine get(self, x)
     class(row_matrix), intent(inout) :: self
     real(wp), intent(inout) :: x(:)           !! (rows) [N]

@@ -65,7 +65,7 @@ contains
     end do
   end subroutine correction
 
-  !> The same without residuals: what each column of the rows' gaps asks for.
+  !> The same without residuals, for each column of the rows' gaps.
   subroutine row_correction(self, m, ev, gap, dq, dlambda)
     type(condensed_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
