@@ -233,7 +233,7 @@ contains
     type(pass_record), intent(in) :: pass
     real(wp) :: part                          ! its error, of that of the other one [-]
     ratio = 1.0_wp                            ! [-]
-    if (pass%other == 0 .or. pass%differ_at >= 0.0_wp .or. falls_slowly(self, pass)) return
+    if (pass%other == 0 .or. pass%differ_at >= 0.0_wp .or. falls_slowly(self, pass, 1.0_wp)) return
     associate (before => self%passes(pass%other))
       if (before%method /= pass%method) return
       part = max(pass%setting/before%setting, farthest)**power(pass%method)
@@ -352,27 +352,28 @@ contains
     end if
   end subroutine add_finer
 
-  !> Whether differences of three passes of one method fall with less than half the power that is expected.
-  pure logical function falls_slowly(self, pass) result(yes)
+  !> Whether differences of three passes of one method fall with less than a part of the power that is expected.
+  pure logical function falls_slowly(self, pass, part) result(yes)
     class(pass_search), intent(in) :: self
     type(pass_record), intent(in) :: pass     !! the finest
+    real(wp), intent(in) :: part              !! [-]
     yes = .false.
     if (pass%other == 0) return
     associate (before => self%passes(pass%other))
       if (before%method /= pass%method .or. before%other == 0) return
       associate (first => self%passes(before%other))
         if (first%method /= pass%method) return
-        yes = pass%apart > before%apart*(before%setting/first%setting)**(0.5_wp*power(pass%method))
+        yes = pass%apart > before%apart*(before%setting/first%setting)**(part*power(pass%method))
       end associate
     end associate
   end function falls_slowly
 
-  !> How many passes in a row, the last one and those before it, fall slowly.
+  !> How many passes in a row, the last one and those before it, fall with less than half the power.
   pure recursive integer function slow_passes(self, pass) result(n)
     class(pass_search), intent(in) :: self
     type(pass_record), intent(in) :: pass     !! the finest
     n = 0
-    if (falls_slowly(self, pass)) n = 1 + slow_passes(self, self%passes(pass%other))
+    if (falls_slowly(self, pass, 0.5_wp)) n = 1 + slow_passes(self, self%passes(pass%other))
   end function slow_passes
 
   !> What a witness tells of the pass before it.
