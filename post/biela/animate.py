@@ -49,7 +49,7 @@ class Picture:
         ]
         outlined = [path_effects.withStroke(linewidth=2.5, foreground="white")]
         look = {"fontsize": 8, "va": "bottom", "path_effects": outlined, "zorder": 7}
-        self.names = [axis.text(0, 0, f"  {name}  ", **look) for name in scene.bodies if named]
+        self.names = [axis.text(0, 0, f"   {name}   ", **look) for name in scene.bodies if named]
         self.nodes = [axis.plot([], [], "o", color=line.get_color(), ms=3.5, zorder=4)[0] for line in self.bodies]
         for path in scene.traces:
             axis.plot(*path.T, "-", color="#999999", lw=0.8, zorder=1)

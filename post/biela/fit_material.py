@@ -220,13 +220,13 @@ def shifted(args: argparse.Namespace, data: Measurements) -> tuple[MasterCurve |
 
 
 def as_measured(data: Measurements) -> list[str]:
-    """Return a note for a set whose storage modulus falls with frequency, by more than its scatter explains."""
+    """Return a note for a set whose storage modulus falls with frequency: by more than its scatter explains, or by a tenth."""
     notes = []
     for k in range(data.group.max() + 1):
         storage = np.log(data.modulus[data.group == k].real)
         scatter = np.median(np.abs(np.diff(storage, 2))) / (0.6745 * np.sqrt(6.0)) if storage.size > 4 else 0.0
         fall = float((np.maximum.accumulate(storage) - storage).max())
-        if fall > max(0.01, 4.0 * np.sqrt(2.0) * scatter):
+        if fall > min(max(0.01, 4.0 * np.sqrt(2.0) * scatter), 0.1):
             where = f" at {data.name(data.temperatures[k])}" if data.temperatures.size else ""
             notes.append(
                 f"warning: the measured storage modulus{where} falls by {100.0 * (1.0 - np.exp(-fall)):.2g} % while the frequency "

@@ -44,6 +44,8 @@ def obstacles(axis: plt.Axes) -> tuple[list[np.ndarray], np.ndarray]:
         if text.get_text():
             x0, y0, x1, y1 = text.get_window_extent().extents
             lines += [back.transform([(x0, y0), (x1, y1)]), back.transform([(x0, y1), (x1, y0)])]
+    (x0, x1), (y0, y1) = axis.get_xlim(), axis.get_ylim()
+    lines.append(np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]))  # the border
     return lines, np.concatenate(marks)
 
 

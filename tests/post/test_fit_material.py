@@ -183,6 +183,9 @@ def test_what_the_data_cannot_tell_is_said(tmp_path, capsys):
     assert fit_material_command.main([str(path), "--law", "maxwell", "--target", "0.001"]) == 0
     told = capsys.readouterr()
     assert "warning: the measured storage modulus falls by 23 %" in told.out
+    few = "f,E_stor,E_loss\nHz,MPa,MPa\n1,10,1\n3,11,1.5\n10,10.5,1.8\n30,9,2\n100,8,2.2\n300,10,2\n"
+    assert fit_material_command.main([str(table(tmp_path, few)), "--law", "maxwell", "--terms", "1"]) == 0
+    assert "warning: the measured storage modulus falls by 27 %" in capsys.readouterr().err
     assert "warning: no fit reaches --target 0.001, the best has" in told.out
     assert "terms act outside the band, at " in told.out
     assert told.err.count("warning: ") == 2
