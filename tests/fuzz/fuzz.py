@@ -132,7 +132,7 @@ def wrong(folder: Path, name: str, status: int, said: str) -> str:
     if ("outcome: done" in told) != (status == 0):
         return "summary and status contradict each other"
     if status == 0 and (results / "energy.txt").exists() and not re.search(MISTRUST, said) and "it says nothing" not in told:
-        return unbalanced(results, kinetic_alone="kinetic energy, which nothing changes" in told)
+        return unbalanced(results, kinetic_alone="kinetic energy, which is constant" in told)
     return ""
 
 
