@@ -253,6 +253,33 @@ def test_slider_crank_with_friction_in_four_joints(run_deck):
     assert run.history["main.m"][0] == pytest.approx(-f[0], rel=1e-10)
 
 
+def test_crank_turns_back_with_friction_in_four_joints(run_deck):
+    """Where a spring turns it back, all joints stand for an instant: each slips backward from there, and energy balances."""
+    deck = """&scene gravity=0,-9.81 /
+&body name='crank' mass=0.5 inertia=0.001 angle=2.31154 position={0.0546*cos(2.31154)},{0.0546*sin(2.31154)}
+  angular_velocity=-22.8 /
+&body name='rod' mass=0.3 inertia=0.003 angle=-0.3566 position=0.0314,0.0414 /
+&body name='slide' mass=0.447 inertia=0.0004 position=0.136,0.00231 /
+&joint name='main' type='revolute' body_a='crank' point_a=-0.0546,0 friction=0.308 pin_radius=0.0106 /
+&joint name='big' type='revolute' body_a='rod' point_a=-0.112,0 body_b='crank' point_b=0.0546,0
+  friction=0.4 friction_static=0.6 pin_radius=0.005 /
+&joint name='small' type='revolute' body_a='rod' point_a=0.112,0 body_b='slide'
+  friction=0.0524 friction_static=0.0581 pin_radius=0.0083 /
+&joint name='rail' type='prismatic' body_a='slide' point_b=0,0.00231 friction=0.125 friction_static=0.194 pad_distance=0.08 /
+&spring name='k' type='linear' body_a='slide' point_b=0.6,0.1 stiffness=175 damping=0.35 free_length=0.3 /
+&sensor name='w' quantity='angular_velocity' body='crank' /
+&transient t_end=0.4 method='dopri5' tolerance=1e-9 /
+"""
+    run = run_deck(deck)
+    times, words = events_of(run)
+    turn = int(np.argmax(np.diff(times) == 0))
+    assert sorted(word[0] for word in words[turn : turn + 4]) == ["big", "main", "rail", "small"]
+    assert all({word[1], word[2]} == {"forward", "backward"} for word in words[turn : turn + 4])
+    assert np.abs(run.energy["residual"]).max() < 1e-8 * run.energy["kinetic"].max()
+    before = run.history["t"] < times[turn]
+    assert (run.history["w"][before] < 0).all() and (run.history["w"][~before][1:] > 0).all()
+
+
 def test_mechanism_at_rest_stays_for_an_hour(run_deck):
     """It comes to rest in several joints at once; not a digit moves in an hour, by steps of any kind."""
     deck = CRANK.replace("angular_velocity=30", "angular_velocity=1")
