@@ -119,6 +119,19 @@ def test_flexible_slider_crank_by_explicit_and_implicit_steps(run_deck):
     assert implicit.transient["energy_balance"] < 1e-8
 
 
+def test_newton_follows_the_pads_of_a_tilted_block(run_deck):
+    """Normal forces of both pads, of opposite signs, follow the force: little more than an iteration a step."""
+    deck = """&scene gravity=0,-9.81 /
+&body name='block' mass=2 inertia=0.01 /
+&joint name='rail' type='prismatic' body_a='block' friction=0.2 pad_distance=0.2 /
+&spring name='k' type='linear' body_a='block' point_a=0.0,0.3 point_b=1.0,0.5 stiffness=2000 free_length=0.8 /
+&transient t_end=0.2 method='generalized_alpha' step=2e-3 /
+"""
+    run = run_deck(deck)
+    assert [word[0] for word in events_of(run)[1]] == ["rail"]
+    assert run.transient["newton_iterations"] <= 1.5 * run.transient["steps"]
+
+
 BEAM = """&scene gravity=0.0,0.0 /
 &material name='m' density=1600.0 young=2.1e9 ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=800.0 /
 &section name='s' shape='rectangle' width=0.02 height=0.01 /
