@@ -8,7 +8,8 @@ module process
   private
   public :: begin_process, end_process, hold_signals, caught_signal, start_child, wait_for_child, c_exit
 
-  integer, parameter :: signal_interrupt = 2, signal_memory = 11, signal_alarm = 14, signal_terminate = 15, signal_file_size = 25
+  integer, parameter :: signal_interrupt = 2, signal_memory = 11, signal_alarm = 14, signal_terminate = 15, signal_file_size = 25, &
+                        signal_pipe = 13
   integer, parameter :: read_only = 0, write_only = 1      !! O_RDONLY, O_WRONLY
   integer(c_int), volatile :: received = 0                 !! the last signal caught
   logical, volatile :: note_only = .false.                 !! signals are noted; else they end the program
@@ -81,8 +82,10 @@ contains
     old = c_signal(signal_memory, c_funloc(memory_fault))
     old = c_signal(signal_interrupt, c_funloc(note_signal))
     old = c_signal(signal_terminate, c_funloc(note_signal))
-    ! a write beyond a limit on file sizes then fails like one on a full disk, instead of ending the program (SIG_IGN is 1)
+    ! a write beyond a limit on file sizes, or to a pipe that nobody reads any more, then fails like one on a full disk, instead of
+    ! ending the program (SIG_IGN is 1)
     old = c_signal(signal_file_size, transfer(1_c_intptr_t, c_null_funptr))
+    old = c_signal(signal_pipe, transfer(1_c_intptr_t, c_null_funptr))
   end subroutine begin_process
 
   !> A standard stream that is closed would give its number to the next file opened, a result file perhaps. Instead nothing

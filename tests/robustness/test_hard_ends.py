@@ -65,6 +65,18 @@ def test_a_signal_ends_every_analysis_and_the_decks_after_it(analysis, number, b
         assert int(points) == sum(not row.startswith("#") for row in rows)
 
 
+def test_messages_that_nobody_reads_any_more_do_not_end_a_run_halfway(biela, tmp_path):
+    (tmp_path / "a.nml").write_text(ENDLESS["static analysis"][0])
+    process = subprocess.Popen([biela, "--quiet", "a.nml"], cwd=tmp_path, stderr=subprocess.PIPE)
+    results = tmp_path / "results" / "a"
+    wait_for(results / "static.txt", process)
+    process.stderr.close()
+    process.terminate()
+    assert process.wait(timeout=600) == 128 + signal.SIGTERM
+    assert "outcome: stopped by signal 15" in (results / "summary.txt").read_text()
+    assert not (results / ".lock").exists()
+
+
 def test_a_folder_into_which_another_run_writes_is_left_alone(biela, tmp_path):
     (tmp_path / "a.nml").write_text(ENDLESS["static analysis"][0])
     process = subprocess.Popen([biela, "--quiet", "a.nml"], cwd=tmp_path, stderr=subprocess.DEVNULL)
