@@ -23,11 +23,16 @@ def picture_path(path: Path, part: str = "") -> Path:
 
 
 def lay_out(figure: plt.Figure) -> None:
-    """Place what a figure holds, once: matplotlib would lay out and draw all of it a second time when it is written."""
+    """Place what a figure holds, once: matplotlib would lay out and draw all of it a second time when it is written.
+
+    Names of stacked axes are aligned behind that, since each pass compares every axis with all others.
+    """
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
         figure.set_layout_engine(None)
+    for part in figure.subfigs:
+        part.align_ylabels()
 
 
 def save(figure: plt.Figure, path: Path, part: str = "") -> Path:

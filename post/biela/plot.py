@@ -162,7 +162,6 @@ def stacked(figure: plt.Figure, count: int, columns: int, heights: tuple[int, ..
     for k, part in enumerate(np.ravel(figure.subfigures(1, columns))):
         own = (count + columns - 1 - k) // columns
         axes += part.subplots(own * len(heights), 1, squeeze=False, height_ratios=heights * own)[:, 0].tolist()
-        part.align_ylabels()
     return axes
 
 
