@@ -22,7 +22,7 @@ FIELDS = np.dtype(
     }
 )
 POWERS = np.array([float(f"1e{k}") for k in range(-324, 309)])
-PART = 10_000  # numbers that are turned at a time: they stay in the cache
+PART = 200_000  # numbers that are turned at a time: enough that threads seldom wait for each other, few enough for the cache
 KEPT = 16_000_000  # bytes: the C library keeps freed memory of twice the largest block that was given back, else 128 kB
 
 
