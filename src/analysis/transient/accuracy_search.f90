@@ -27,7 +27,7 @@ module accuracy_search
   real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5 with its projection [-]
   real(wp), parameter :: growth = 1.7_wp               !! of the cost for a tenth of the tolerance [-]
   real(wp), parameter :: witness_share = 0.25_wp       !! cost of a witness at most, of the pass that it looks at [-]
-  real(wp), parameter :: hopeless = 10.0_wp            !! cost of dopri5 over that of radau, from which it is given up [-]
+  real(wp), parameter :: hopeless = 4.0_wp             !! cost of dopri5 over that of radau, from which it is given up [-]
   real(wp), parameter :: safe_share = 0.97_wp          !! of the stable bound, for rk4 [-]
 
   !> A pass that has been made.
@@ -309,6 +309,7 @@ contains
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
     logical :: leaves_radau                   ! dopri5 may follow: it has not cost too much
+    real(wp) :: cost                          ! of the next pass of radau [-]
     leaves_radau = self%free .and. pass%method == 'radau' .and. self%explicit_cost < huge(1.0_wp)
     if (pass%apart >= 0.0_wp .and. self%error_of(pass) <= 1.0_wp) then
       if (pass%method == 'dopri5') then
@@ -318,10 +319,11 @@ contains
                                    budget=witness_share*pass%cost))
       end if
     else if (leaves_radau) then
-      if (self%predicted_cost('radau', pass%setting*finer(self, pass)) < self%explicit_cost) then
+      cost = self%predicted_cost('radau', pass%setting*finer(self, pass))
+      if (cost < self%explicit_cost) then
         call add_finer(self, pass)
       else
-        call add_first(self, 'dopri5', 'the next pass of radau would cost more than the stable step of dopri5 asks for')
+        call add_first(self, 'dopri5', 'the next pass of radau would cost more than the stable step of dopri5 asks for', cost)
       end if
     else if (slow_passes(self, pass) < most_slow) then
       call add_finer(self, pass)
@@ -389,21 +391,29 @@ contains
     end if
   end subroutine hear
 
-  !> What follows a pass that was lost or cost too much: the other method, where it has not been tried.
+  !> What follows a pass that was lost or cost too much: the other method, where it has not been lost. Radau goes on where it was.
   subroutine replace(self, pass)
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
     character(:), allocatable :: why
     character(20) :: other
+    integer :: last                           ! pass of the other method for the results, 0: none
     other = merge('radau               ', 'dopri5              ', pass%method == 'dopri5')
     why = trim(merge(' was lost                    ', ' cost far more than expected ', pass%outcome == lost_pass))
-    if (self%free .and. .not. any(self%passes(1:self%count)%method == other .and. &
-                                  self%passes(1:self%count)%role == member)) then
-      if (other == 'radau') self%explicit_cost = huge(1.0_wp)
+    associate (before => self%passes(1:self%count))
+      last = findloc(before%method == other .and. before%role == member, .true., 1, back=.true.)
+    end associate
+    if (.not. self%free .or. .not. self%explicit_cost < huge(1.0_wp)) then
+      call finish(self, .false., 'a finer pass'//why)
+    else if (last == 0) then
       call add_first(self, trim(other), trim(pass%method)//why)
+    else if (other == 'radau' .and. self%passes(last)%outcome == finished) then
+      self%choice = trim(pass%method)//why
+      call add_finer(self, self%passes(last))
     else
       call finish(self, .false., 'a finer pass'//why)
     end if
+    if (other == 'radau') self%explicit_cost = huge(1.0_wp)   ! it is not tried again
   end subroutine replace
 
   !> The search is over.
