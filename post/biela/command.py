@@ -9,9 +9,12 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import Callable, NoReturn
+from typing import TYPE_CHECKING, Callable, NoReturn
 
-from .result_files import HistoryError
+from .result_files import BielaError
+
+if TYPE_CHECKING:
+    import subprocess
 
 CLOSED = 141  # status of a command whose reader has gone, as shells count it (128 + SIGPIPE)
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,22 +23,41 @@ if not SOLVER.is_file():  # the installed package
     SOLVER = Path(shutil.which("biela") or SOLVER)
 
 
-def parser(tool: str, words: str) -> argparse.ArgumentParser:
-    """Return a tool's parser, its help beginning with the tool's own words, layout kept."""
-    return argparse.ArgumentParser(prog=f"{tool}.py", description=words, formatter_class=argparse.RawDescriptionHelpFormatter)
+def parser(tool: str, description: str, runs_solver: bool = False) -> argparse.ArgumentParser:
+    """Return the parser of a program's command line.
+
+    Args:
+        tool: name of the program
+        description: first part of its help, printed as it is laid out
+        runs_solver: whether it has the option --biela
+    """
+    form = argparse.RawDescriptionHelpFormatter
+    found = argparse.ArgumentParser(prog=f"{tool}.py", description=description, formatter_class=form)
+    if runs_solver:
+        found.add_argument("--biela", type=Path, default=SOLVER, help="the solver (bin/biela of the project)")
+    return found
 
 
-def study_parser(tool: str, words: str) -> argparse.ArgumentParser:
-    """Return the parser of a tool that makes the runs of a study: where these are made, and where the results go."""
-    found = parser(tool, words)
+def study_parser(tool: str, description: str) -> argparse.ArgumentParser:
+    """Return the parser of a program that makes the runs of a study, with the options that all of these have."""
+    found = parser(tool, description, runs_solver=True)
     found.add_argument("study", type=Path, metavar="STUDY.toml", help="deck, parameters and results (see post/README.md)")
     found.add_argument("--output", type=Path, metavar="DIR", help=f"folder of the results (results/{tool}/<study name>)")
-    found.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="runs side by side (all cores: %(default)s)")
+    found.add_argument("--jobs", type=count, default=os.cpu_count() or 1, help="runs side by side (all cores: %(default)s)")
     found.add_argument("--dask", metavar="ADDRESS", help="address of a Dask scheduler, instead of this machine's cores")
     found.add_argument("--no-pictures", action="store_true", help="tables only")
-    found.add_argument("--biela", type=Path, default=SOLVER, help="the solver")
     found.set_defaults(keep=False)
     return found
+
+
+def call_solver(biela: Path, *words: object) -> subprocess.CompletedProcess:
+    """Call the solver and return its status and what it writes; BielaError where it cannot be called."""
+    import subprocess
+
+    try:
+        return subprocess.run([biela.resolve(), *words], capture_output=True, encoding="utf-8", errors="replace", check=False)
+    except OSError as fault:
+        raise BielaError(f"{biela}: cannot be run ({fault.strerror}): `make` builds it, --biela names another") from None
 
 
 def finite(text: str) -> float:
@@ -78,26 +100,25 @@ def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
     """
     try:
         return work()
-    except HistoryError as fault:
+    except BielaError as fault:
         print(f"{tool}: {fault}", file=sys.stderr)
         return failed
 
 
-def program(tool: str, arguments: Callable[[], argparse.ArgumentParser], work: str, failed: int = 2) -> Callable[..., int]:
-    """Return a tool as a function of the words of its command line; what does the work is loaded once they are understood.
+def program(parser: argparse.ArgumentParser, work: str, failed: int = 2) -> Callable[..., int]:
+    """Return a program as a function of the arguments of its command line.
 
     Args:
-        tool: its name
-        arguments: makes the parser of the words
-        work: MODULE.FUNCTION of this package, which takes what was parsed and returns the exit status
+        parser: of the command line
+        work: MODULE.FUNCTION of this package, which takes what was parsed and returns the exit status; loaded after the parsing
         failed: status after a fault
     """
 
     def main(words: list[str] | None = None) -> int:
-        args = arguments().parse_args(words)
+        args = parser.parse_args(words)
         module, function = work.split(".")
         do = getattr(importlib.import_module(f".{module}", __package__), function)
-        return attempt(tool, lambda: do(args), failed)
+        return attempt(parser.prog.removesuffix(".py"), lambda: do(args), failed)
 
     return main
 

@@ -31,7 +31,7 @@ import numpy as np
 
 from . import solver_start
 from .histories import Event, read, read_events, read_summary, still_columns
-from .result_files import HistoryError
+from .result_files import BielaError, HistoryError
 
 COUNTS = {
     "steps": ("transient", "steps"),
@@ -53,7 +53,7 @@ Result = TypeVar("Result")
 MARK = "\n! timed alone\n"
 
 
-class RunsError(Exception):
+class RunsError(BielaError):
     """The solver or the folder cannot be used."""
 
 

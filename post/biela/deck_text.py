@@ -8,11 +8,11 @@ what they are worth the solver says (`read`).
 from __future__ import annotations
 
 import re
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from .command import SOLVER
+from .command import SOLVER, call_solver
+from .result_files import BielaError
 
 GROUP = re.compile(r"&([A-Za-z_]\w*)")
 ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*=")
@@ -20,7 +20,7 @@ ITEM = re.compile(r"(?:\{[^}\n]*\}|[^,\s{])+")
 REPEATED = re.compile(r"(\d+)\*(.+)")
 
 
-class DeckError(Exception):
+class DeckError(BielaError):
     """A deck that cannot be read or edited."""
 
 
@@ -199,20 +199,16 @@ def read(path: Path, *settings: str, biela: Path = SOLVER) -> DeckText:
         biela: the solver
 
     Raises:
-        DeckError: the solver cannot be called or refuses the deck; the first line that it says.
+        BielaError: the solver cannot be called.
+        DeckError: it refuses the deck; the first line that it writes.
     """
     words = [word for setting in settings for word in ("--set", setting)]
-    try:
-        done = subprocess.run([biela.resolve(), "--flat", *words, path], capture_output=True, check=False)
-        text = done.stdout.decode("utf-8")
-    except OSError as fault:
-        raise DeckError(f"{biela}: cannot be run ({fault.strerror}): build it, or name it with --biela") from None
-    except UnicodeDecodeError as fault:
-        raise DeckError(f"{path}: cannot be read as text ({fault})") from None
+    done = call_solver(biela, "--flat", *words, path)
     if done.returncode:
-        said = done.stderr.decode("utf-8", errors="replace").splitlines() or [f"{path}: the solver ended with {done.returncode}"]
-        raise DeckError(said[0])
-    return parse(text)
+        raise DeckError((done.stderr.splitlines() or [f"{path}: the solver ended with {done.returncode}"])[0])
+    if "\ufffd" in done.stdout:
+        raise DeckError(f"{path}: cannot be read as text: its letters are not those of UTF-8")
+    return parse(done.stdout)
 
 
 def sources(path: Path) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 from pathlib import Path
 
 import matplotlib as mpl
@@ -15,6 +14,7 @@ import numpy as np
 from matplotlib.patches import Arc, Circle, Polygon
 
 from . import labels
+from .command import call_solver
 from .histories import read_summary
 from .mechanism import direction_of, hinge, hull
 from .picture_files import save
@@ -35,10 +35,7 @@ def figures_of(source: Path, biela: Path) -> dict:
     """
     if source.is_dir():
         return read_summary(source)
-    try:
-        done = subprocess.run([biela, "--check", "--json", source], capture_output=True, text=True, check=False)
-    except OSError as fault:
-        raise HistoryError(f"{biela}: {fault.strerror} (`make` builds the solver)") from None
+    done = call_solver(biela, "--check", "--json", source)
     if done.returncode:
         lines = done.stderr.strip().splitlines()
         raise HistoryError("\n".join(lines) or f"{source}: biela --check ended with status {done.returncode}")

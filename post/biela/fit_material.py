@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -16,13 +15,13 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter
 
 from . import deck_text, material_data
+from .command import call_solver
 from .master_curve import MasterCurve, master_curve
 from .material_data import DataError, Measurements
 from .material_fit import NEAR, Fit, choose_terms, fit, relative_error, rms
 from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, of_group
 from .picture_files import FORMATS, save, stem_of
 from .plot import COLOURS, LOOK
-from .result_files import HistoryError
 
 DECADE = 10.0
 MOST_LABELS = 7  # entries of a legend
@@ -179,10 +178,7 @@ def stable_steps(args: argparse.Namespace, material: Material) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / args.deck.name
         copy.write_text(deck.set(group, **values).text, encoding="utf-8")
-        try:
-            done = subprocess.run([args.biela, "--check", copy], capture_output=True, text=True, check=False)
-        except OSError as fault:
-            raise DataError(f"{args.biela}: cannot be run ({fault.strerror}): build it, or name it with --biela") from None
+        done = call_solver(args.biela, "--check", copy)
     if done.returncode == 2:
         said = (done.stderr.strip() or done.stdout).splitlines()[0]
         raise DataError(f"{args.deck}: with the fitted terms the solver says: {said}")
@@ -330,9 +326,6 @@ def show_material(args: argparse.Namespace) -> int:
 
 
 def work(args: argparse.Namespace) -> int:
-    """Do what the command line asks; a fault of a file is a HistoryError."""
-    try:
-        check(args)
-        return show_material(args) if args.source.suffix == ".nml" else fit_table(args)
-    except (DataError, deck_text.DeckError) as fault:
-        raise HistoryError(str(fault)) from None
+    """Do what the command line asks."""
+    check(args)
+    return show_material(args) if args.source.suffix == ".nml" else fit_table(args)

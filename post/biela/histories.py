@@ -8,8 +8,10 @@ Every fault is a `HistoryError` of one line, the file and where possible the lin
 from __future__ import annotations
 
 import contextlib
+import csv
 import fnmatch
 import functools
+import io
 import itertools
 import json
 import os
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     import pandas
 
 HEADER = "# columns:"
-LARGE = 20_000_000  # bytes beyond which a faster parser reads a table; that of results files is right to an ulp or two
+LARGE = 20_000_000  # bytes beyond which faster parsers read a table; their numbers are right to an ulp or two
 BLOCK = 2_000_000  # bytes of a table that are read at a time
 COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
 
@@ -165,7 +167,7 @@ def _head(path: Path, separator: str | None) -> tuple[list[str], int]:
 
 
 def _large_table(path: Path, first: int, width: int, separator: str | None) -> np.ndarray | None:
-    """Return the rows of a large table by the parser of pyarrow, block by block; None where it is missing or does not understand.
+    """Return the rows of a large table, read by pandas block by block on all cores; None where it is missing, or cannot read them.
 
     Args:
         path: the file
@@ -174,13 +176,10 @@ def _large_table(path: Path, first: int, width: int, separator: str | None) -> n
         separator: between numbers; None for blanks and tabs, as many as there are
     """
     try:
-        from pyarrow import BufferReader, csv, float64, lib
+        import pandas
     except ImportError:
         return None
-    names = [str(k) for k in range(width)]
-    read_as = csv.ReadOptions(column_names=names, use_threads=False, block_size=2**31 - 1)
-    parse_as = csv.ParseOptions(delimiter=separator or " ", quote_char=False)
-    convert_as = csv.ConvertOptions(column_types=dict.fromkeys(names, float64()), null_values=[])
+    form = dict(sep=separator or r"\s+", header=None, dtype=float, na_filter=False, quoting=csv.QUOTE_NONE)
 
     def text(begin: int) -> bytes:
         """Return the lines that begin in a block."""
@@ -192,11 +191,11 @@ def _large_table(path: Path, first: int, width: int, separator: str | None) -> n
             return found if not found or found.endswith(b"\n") else found + file.readline()
 
     def rows_of(begin: int) -> np.ndarray:
-        lines = text(begin) if separator else _single_blanks(text(begin))
-        if not lines.strip():
-            return np.empty((0, width))
-        table = csv.read_csv(BufferReader(lines), read_as, parse_as, convert_as)
-        return table.to_batches()[0].to_tensor(row_major=False).to_numpy()
+        lines = text(begin)
+        rows = pandas.read_csv(io.BytesIO(lines), **form).to_numpy() if lines.strip() else np.empty((0, width))
+        if rows.shape[1] != width:
+            raise ValueError
+        return rows
 
     begins = range(first, path.stat().st_size, BLOCK)
     np.empty(KEPT, np.uint8)  # given back at once: the memory of one block is kept for the next
@@ -207,17 +206,10 @@ def _large_table(path: Path, first: int, width: int, separator: str | None) -> n
             for part in pool.map(rows_of, begins):
                 data[size : size + len(part)] = part
                 size += len(part)
-        except lib.ArrowInvalid:
+        except ValueError:  # also that of pandas: a word that is no number, a row that is too long
             pool.shutdown(cancel_futures=True)
             return None
     return data[:size] if all(np.isfinite(data[:size, k]).all() for k in range(width)) else None
-
-
-def _single_blanks(text: bytes) -> bytes:
-    """Return lines with one blank between words, and none before the first or after the last."""
-    letters = np.frombuffer(text.replace(b"\t", b" "), np.uint8)
-    kept = np.append((letters[:-1] != ord(" ")) | (letters[1:] > ord(" ")), True)
-    return letters[kept].tobytes().replace(b"\n ", b"\n").lstrip(b" ")
 
 
 class Event(NamedTuple):

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .result_files import BielaError
+
 USUAL = {
     "frequency": ("f", "freq", "frequency", "omega", "w"),
     "storage": ("e_stor", "e'", "estor", "e_storage", "storage", "storage modulus", "g_stor", "g'", "modulus"),
@@ -28,7 +30,7 @@ TEMPERATURE_UNITS = {"c": 273.15, "°c": 273.15, "degc": 273.15, "celsius": 273.
 HEADING = re.compile(r"(?P<name>.*?)\s*_?[\[(](?P<unit>[^\])]*)[\])]\s*")
 
 
-class DataError(Exception):
+class DataError(BielaError):
     """A table of measurements that cannot be used."""
 
 

@@ -26,7 +26,7 @@ from .result_files import RESULT_FILES, HistoryError, note
 
 TEMPLATE = Path(__file__).resolve().parent / "report.html"
 MOST_COLUMNS = 40  # drawn of a history; a table of the ranges holds them all
-PANELS = 4  # of one picture: no taller than a printed page
+PANELS = 2  # of one picture: two pictures fit on a printed page
 PIXELS = 96  # of an inch, as browsers count
 MOST_POINTS = 50_000  # of a picture, above which it is embedded as pixels
 
@@ -203,13 +203,16 @@ def results(runs: list[Run]) -> Section:
     found = [findings(run) for run in runs]
     names = list(dict.fromkeys(name for one in found for name in one))
     table = [[name, *(one.get(name, "–") for one in found)] for name in names]
-    pictures = []
+    pictures, drawn_moduli = [], []
     for run in runs:
         poles = run.figures.get("modes", {}).get("poles", [])
         frequencies = [pole["frequency"] for pole in poles if pole["kind"] == "damped" and pole["frequency"] > 0.0]
         for name, law, band in engineering.materials(parse_deck(run)):
-            figure = engineering.modulus_picture(name, law, band, frequencies)
-            pictures.append(embed(figure, f"{run.label}: modulus of material {name}"))
+            modulus = name, str(law), band, frequencies
+            if modulus not in drawn_moduli:  # two runs often have the same material
+                drawn_moduli.append(modulus)
+                figure = engineering.modulus_picture(name, law, band, frequencies)
+                pictures.append(embed(figure, f"{run.label}: modulus of material {name}"))
     head = ["", *(run.label for run in runs)]
     return Section("Results", [*(part for part in warnings if part.paragraphs), Part(head=head, rows=table, pictures=pictures)])
 

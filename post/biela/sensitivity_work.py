@@ -44,10 +44,7 @@ def design_of(study: Study, space: Space, args: argparse.Namespace) -> tuple[np.
             known = ", ".join(one.name for one in study.parameters)
             raise HistoryError(f"--at {word!r}: NAME=VALUE expected, NAME one of {known}")
         asked[name] = value
-    try:
-        own = {group.name: group.number("value") for group in deck_text.read(study.deck, biela=args.biela).all("parameter")}
-    except deck_text.DeckError as fault:
-        raise HistoryError(str(fault)) from None
+    own = {group.name: group.number("value") for group in deck_text.read(study.deck, biela=args.biela).all("parameter")}
     units = space.start()
     for k, one in enumerate(space.free):
         low, high = one.ends

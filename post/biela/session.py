@@ -184,7 +184,7 @@ def _literal(name: str, value: object) -> str:
 def _with_variables(text: str, variables: dict[str, str]) -> str:
     """Return a flat deck with variables set, each named group/variable or group/name/variable."""
     from .sweep_run import assign
-    from .sweep_study import TARGET, StudyError, Target
+    from .sweep_study import TARGET, Target
 
     deck = deck_text.parse(text)
     for words, value in variables.items():
@@ -192,10 +192,7 @@ def _with_variables(text: str, variables: dict[str, str]) -> str:
         if not found:
             raise BielaError(f"{words}: group/variable or group/name/variable expected")
         target = Target(found["group"], found["name"] or "", found["variable"], int(found["index"] or 0))
-        try:
-            deck = assign(deck, target, value)
-        except (StudyError, deck_text.DeckError) as fault:
-            raise BielaError(str(fault)) from None
+        deck = assign(deck, target, value)
     return deck.text
 
 

@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .result_files import BielaError
 from .sweep_scalars import Scalar
 
 if sys.version_info >= (3, 11):
@@ -43,7 +44,7 @@ DESIGNS = ("grid", "zip", "latin_hypercube")
 MOST_RUNS = 1_000_000  # of a study
 
 
-class StudyError(Exception):
+class StudyError(BielaError):
     """A study that cannot be read or makes no sense."""
 
 

@@ -282,25 +282,20 @@ def prepare(args: argparse.Namespace, design: bool = True) -> tuple[Study, str]:
         design: whether the points of the study's design are wanted
 
     Raises:
-        HistoryError: the study, the deck or the command line is wrong.
+        BielaError: the study, the deck or the command line is wrong.
     """
-    if args.jobs < 1:
-        raise HistoryError(f"--jobs {args.jobs}: 1 or more expected")
     if not args.biela.is_file():
         raise HistoryError(f"{args.biela}: no such program: build it with make, or name it with --biela")
-    try:
-        study = read(args.study, design)
-        base = deck_text.read(study.deck, biela=args.biela)
-        known = [group.name for group in base.all("parameter")]
-        for parameter in study.parameters:
-            for name in parameter.deck_names:
-                if name.lower() not in known:
-                    raise StudyError(f"parameter {name}: the deck has no &parameter of that name ({', '.join(known) or 'none'})")
-            for target in parameter.targets:
-                base = assign(base, target, literal(parameter.values[0]))
-        return study, deck_text.sources(study.deck)
-    except (StudyError, deck_text.DeckError) as fault:
-        raise HistoryError(str(fault)) from None
+    study = read(args.study, design)
+    base = deck_text.read(study.deck, biela=args.biela)
+    known = [group.name for group in base.all("parameter")]
+    for parameter in study.parameters:
+        for name in parameter.deck_names:
+            if name.lower() not in known:
+                raise StudyError(f"parameter {name}: the deck has no &parameter of that name ({', '.join(known) or 'none'})")
+        for target in parameter.targets:
+            base = assign(base, target, literal(parameter.values[0]))
+    return study, deck_text.sources(study.deck)
 
 
 def open_journal(study: Study, folder: Path, tool: str = "sweep") -> Journal:

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import random_scenes
-from biela import draw
+from biela import BielaError, draw
 from biela.histories import HistoryError
 from biela.picture_files import save
 from conftest import ROOT
@@ -69,7 +69,7 @@ def test_a_faulty_deck_is_told_as_the_solver_tells_it(biela, tmp_path):
 
 
 def test_a_missing_solver_and_one_that_says_nothing_are_told(tmp_path):
-    with pytest.raises(HistoryError, match=r"none: No such file or directory \(`make` builds the solver\)$"):
+    with pytest.raises(BielaError, match=r"none: cannot be run \(No such file or directory\): `make` builds it"):
         draw.figures_of(tmp_path / "deck.nml", tmp_path / "none")
     (tmp_path / "mute").write_text("#!/bin/sh\nexit 3\n")
     (tmp_path / "mute").chmod(0o755)

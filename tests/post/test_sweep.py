@@ -261,9 +261,8 @@ def test_what_is_wrong_with_the_command_ends_it_in_one_line(study, capsys):
     Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
     Path("text").write_text("no program\n", encoding="utf-8")
     for words, told in (
-        (["--jobs", "0"], "--jobs 0: 1 or more expected"),
         (["--biela", "nothing"], "nothing: no such program: build it with make, or name it with --biela"),
-        (["--biela", "text", "--no-pictures"], "text: cannot be run (Permission denied): build it, or name it with --biela"),
+        (["--biela", "text", "--no-pictures"], "text: cannot be run (Permission denied): `make` builds it, --biela names another"),
         (["--output", "arm.nml/there"], "arm.nml/there: Not a directory"),
     ):
         assert study(STUDY, *words)[0] == 2

@@ -33,7 +33,7 @@ def test_numbers_of_the_command_line_are_refused(words, capsys):
 
 def test_the_solver_is_found_from_any_folder(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    assert tradeoff_command.arguments().parse_args(["deck.nml"]).biela == ROOT / "bin" / "biela"
+    assert tradeoff_command.parser.parse_args(["deck.nml"]).biela == ROOT / "bin" / "biela"
 
 
 def test_columns_are_asked_for_by_their_own_names_or_by_their_sensors():

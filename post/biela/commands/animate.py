@@ -6,27 +6,19 @@ solver assembled them (summary.json beside motion.txt). A beam is drawn as a smo
 Example: post/animate.py results/four_bar --trace coupler.3 --mp4
 """
 
-from __future__ import annotations
-
-import argparse
 from pathlib import Path
 
 from .. import command
 
+parser = command.parser("animate", __doc__)
+parser.add_argument("run", type=Path, help="results folder or motion.txt")
+parser.add_argument("--exaggerate", type=command.finite, default=1.0, metavar="FACTOR", help="multiply the deflections (1)")
+parser.add_argument("--frames", type=command.count, default=100, help="largest number of frames (%(default)d)")
+parser.add_argument("--seconds", type=command.positive, default=5.0, help="how long the animation lasts (%(default)g)")
+parser.add_argument("--pictures", type=command.count, default=6, help="snapshots on the sheet (%(default)d)")
+parser.add_argument("--trace", nargs="+", default=[], metavar="NAME", help="draw the path of a BODY, BODY.NODE or sensor")
+parser.add_argument("--mp4", action="store_true", help="write STEM.mp4 too")
+where = "write STEM.gif and STEM.png, of STEM.gif, STEM.mp4 or STEM.pdf that file alone (motion, in the run's folder)"
+parser.add_argument("--output", type=Path, metavar="STEM", help=where)
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("animate", __doc__)
-    parser.add_argument("run", type=Path, help="results folder or motion.txt")
-    parser.add_argument("--exaggerate", type=command.finite, default=1.0, metavar="FACTOR", help="multiply the deflections (1)")
-    parser.add_argument("--frames", type=command.count, default=100, help="largest number of frames (%(default)d)")
-    parser.add_argument("--seconds", type=command.positive, default=5.0, help="how long the animation lasts (%(default)g)")
-    parser.add_argument("--pictures", type=command.count, default=6, help="snapshots on the sheet (%(default)d)")
-    parser.add_argument("--trace", nargs="+", default=[], metavar="NAME", help="draw the path of a BODY, BODY.NODE or sensor")
-    parser.add_argument("--mp4", action="store_true", help="write STEM.mp4 too")
-    where = "write STEM.gif and STEM.png, of STEM.gif, STEM.mp4 or STEM.pdf that file alone (motion, in the run's folder)"
-    parser.add_argument("--output", type=Path, metavar="STEM", help=where)
-    return parser
-
-
-main = command.program("animate", arguments, "animate.animate")
+main = command.program(parser, "animate.animate")

@@ -7,20 +7,11 @@ of the attenuation and a picture in results/joints/, as `make joints` does.
 Example: post/attenuation.py input/friction_slider_crank.nml
 """
 
-from __future__ import annotations
-
-import argparse
 from pathlib import Path
 
 from .. import command
 
+parser = command.parser("attenuation", __doc__, runs_solver=True)
+parser.add_argument("decks", type=Path, nargs="*", metavar="DECK.nml", help="whose losses are told")
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("attenuation", __doc__)
-    parser.add_argument("decks", type=Path, nargs="*", metavar="DECK.nml", help="whose losses are told")
-    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
-    return parser
-
-
-main = command.program("attenuation", arguments, "attenuation.work", failed=1)
+main = command.program(parser, "attenuation.work", failed=1)

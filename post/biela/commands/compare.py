@@ -15,8 +15,6 @@ Exit status: 0 every column within its tolerance, 1 some are not, 2 the files ca
 Example: post/compare.py results/slider_crank_elastic expected.csv --tolerance 1e-5
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 
@@ -36,20 +34,14 @@ def _pair(text: str) -> tuple[str, float]:
 
 def _tolerance(text: str) -> float:
     return _pair(f"all={text}")[1]
+parser = command.parser("compare", __doc__)
+parser.add_argument("run", type=Path, help="results folder, history file or .csv")
+parser.add_argument("reference", type=Path, help="results folder, history file or .csv")
+parser.add_argument("--tolerance", type=_tolerance, default=1.0e-6, help="largest error of a column (%(default)g)")
+parser.add_argument("--columns", nargs="+", metavar="PATTERN", help="compare these columns only, e.g. 'qf4.*' (all)")
+parser.add_argument(
+    "--column", type=_pair, action="append", default=[], metavar="PATTERN=TOLERANCE", help="another tolerance, of some columns"
+)
+parser.add_argument("--file", choices=["history", "energy", "motion"], default="history", help="which file of results folders")
 
-
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("compare", __doc__)
-    parser.add_argument("run", type=Path, help="results folder, history file or .csv")
-    parser.add_argument("reference", type=Path, help="results folder, history file or .csv")
-    parser.add_argument("--tolerance", type=_tolerance, default=1.0e-6, help="largest error of a column (%(default)g)")
-    parser.add_argument("--columns", nargs="+", metavar="PATTERN", help="compare these columns only, e.g. 'qf4.*' (all)")
-    parser.add_argument(
-        "--column", type=_pair, action="append", default=[], metavar="PATTERN=TOLERANCE", help="another tolerance, of some columns"
-    )
-    parser.add_argument("--file", choices=["history", "energy", "motion"], default="history", help="which file of results folders")
-    return parser
-
-
-main = command.program("compare", arguments, "compare.compare")
+main = command.program(parser, "compare.compare")

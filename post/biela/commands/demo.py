@@ -5,19 +5,8 @@
 Example: post/demo.py
 """
 
-from __future__ import annotations
-
-import argparse
-from pathlib import Path
-
 from .. import command
 
+parser = command.parser("demo", __doc__, runs_solver=True)
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("demo", __doc__)
-    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
-    return parser
-
-
-main = command.program("demo", arguments, "demo.demonstrate", failed=1)
+main = command.program(parser, "demo.demonstrate", failed=1)

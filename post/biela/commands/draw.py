@@ -5,21 +5,12 @@ The solver assembles the deck (biela --check --json); a results folder is drawn 
     post/draw.py input/four_bar.nml          writes results/four_bar/scene.png
 """
 
-from __future__ import annotations
-
-import argparse
 from pathlib import Path
 
 from .. import command
 
+parser = command.parser("draw", __doc__, runs_solver=True)
+parser.add_argument("source", type=Path, metavar="DECK", help="a deck, or a results folder")
+parser.add_argument("--output", type=Path, metavar="FILE", help="the picture, .png, .pdf or .svg (results/DECK/scene.png)")
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("draw", __doc__)
-    parser.add_argument("source", type=Path, metavar="DECK", help="a deck, or a results folder")
-    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
-    parser.add_argument("--output", type=Path, metavar="FILE", help="the picture, .png, .pdf or .svg (results/DECK/scene.png)")
-    return parser
-
-
-main = command.program("draw", arguments, "draw.work")
+main = command.program(parser, "draw.work")

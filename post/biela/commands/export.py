@@ -8,23 +8,15 @@
 VTK takes the motion of bodies and nodes: the deck needs a motion_step in its &transient.
 """
 
-from __future__ import annotations
-
-import argparse
 from pathlib import Path
 
 from .. import command
 from ..result_files import RESULT_FILES, TABLES
 
+parser = command.parser("export", __doc__)
+parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="results folder or results file")
+parser.add_argument("--to", choices=[*TABLES, "vtk"], required=True, help="format")
+parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
+parser.add_argument("--output", type=Path, metavar="PATH", help="file to write (folder for vtk), where there is one RUN")
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("export", __doc__)
-    parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="results folder or results file")
-    parser.add_argument("--to", choices=[*TABLES, "vtk"], required=True, help="format")
-    parser.add_argument("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
-    parser.add_argument("--output", type=Path, metavar="PATH", help="file to write (folder for vtk), where there is one RUN")
-    return parser
-
-
-main = command.program("export", arguments, "export.export")
+main = command.program(parser, "export.export")

@@ -6,22 +6,13 @@ converged history (linear elasticity, by an independent program) is tests/refere
 Example: post/ivp_crank.py
 """
 
-from __future__ import annotations
-
-import argparse
 from pathlib import Path
 
 from .. import command
 from ..tradeoff_settings import FAMILIES
 
+parser = command.parser("ivp_crank", __doc__, runs_solver=True)
+parser.add_argument("--methods", nargs="+", choices=list(FAMILIES), default=list(FAMILIES), help="curves (all)")
+parser.add_argument("--output", type=Path, default=Path("results") / "ivp_crank", help="folder (%(default)s)")
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("ivp_crank", __doc__)
-    parser.add_argument("--methods", nargs="+", choices=list(FAMILIES), default=list(FAMILIES), help="curves (all)")
-    parser.add_argument("--output", type=Path, default=Path("results") / "ivp_crank", help="folder (%(default)s)")
-    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
-    return parser
-
-
-main = command.program("ivp_crank", arguments, "ivp_crank.work")
+main = command.program(parser, "ivp_crank.work", failed=1)

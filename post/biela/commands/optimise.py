@@ -8,19 +8,10 @@ Searches from several starts at once (SLSQP). History, optimum, sensitivities an
 interrupted search goes on where it was. Status 1: no design meets the limits.
 """
 
-from __future__ import annotations
-
-import argparse
-
 from .. import command
 
+parser = command.study_parser("optimise", __doc__)
+parser.add_argument("--best", metavar="'min NAME'", help="'min' or 'max' and a result (best of the study)")
+parser.add_argument("--where", action="append", default=[], metavar="'NAME < VALUE'", help="limit, beside those of the study")
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.study_parser("optimise", __doc__)
-    parser.add_argument("--best", metavar="'min NAME'", help="'min' or 'max' and a result (best of the study)")
-    parser.add_argument("--where", action="append", default=[], metavar="'NAME < VALUE'", help="limit, beside those of the study")
-    return parser
-
-
-main = command.program("optimise", arguments, "optimise_work.optimise")
+main = command.program(parser, "optimise_work.optimise")

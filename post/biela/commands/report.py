@@ -9,23 +9,15 @@ and the deck stand last. Of two runs the differences are drawn and tabulated, to
 writes results/slider_crank_elastic/report.html.
 """
 
-from __future__ import annotations
-
-import argparse
 from pathlib import Path
 
 from .. import command
 
+parser = command.parser("report", __doc__)
+parser.add_argument("runs", nargs="+", type=Path, metavar="RESULTS", help="one results folder, or two to compare")
+parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs (those of their folders)")
+parser.add_argument("--title", help="headline (the first deck's title)")
+parser.add_argument("--tradeoff", type=Path, metavar="FOLDER", help="of a trade-off study (results/tradeoff/<deck name>)")
+parser.add_argument("--output", type=Path, metavar="FILE", help="the page (report.html in the first folder)")
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("report", __doc__)
-    parser.add_argument("runs", nargs="+", type=Path, metavar="RESULTS", help="one results folder, or two to compare")
-    parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs (those of their folders)")
-    parser.add_argument("--title", help="headline (the first deck's title)")
-    parser.add_argument("--tradeoff", type=Path, metavar="FOLDER", help="of a trade-off study (results/tradeoff/<deck name>)")
-    parser.add_argument("--output", type=Path, metavar="FILE", help="the page (report.html in the first folder)")
-    return parser
-
-
-main = command.program("report", arguments, "report.work")
+main = command.program(parser, "report.work")

@@ -7,20 +7,11 @@
 The step of the differences comes from the error that a run measures of itself; the error of a derivative holds that and the step's.
 """
 
-from __future__ import annotations
-
-import argparse
-
 from .. import command
 
+parser = command.study_parser("sensitivity", __doc__)
+parser.add_argument(
+    "--at", action="append", default=[], metavar="NAME=VALUE", help="value of a parameter; may stand several times"
+)
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.study_parser("sensitivity", __doc__)
-    parser.add_argument(
-        "--at", action="append", default=[], metavar="NAME=VALUE", help="value of a parameter; may stand several times"
-    )
-    return parser
-
-
-main = command.program("sensitivity", arguments, "sensitivity_work.sensitivity")
+main = command.program(parser, "sensitivity_work.sensitivity")

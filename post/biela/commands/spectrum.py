@@ -9,29 +9,21 @@
 Rows at uneven times are interpolated to as many even ones. Mean and trend are removed first; peaks are marked.
 """
 
-from __future__ import annotations
-
-import argparse
 import math
 from pathlib import Path
 
 from .. import command
 
+parser = command.parser("spectrum", __doc__)
+parser.add_argument("run", type=Path, metavar="RUN", help="results folder, results file or .csv")
+parser.add_argument("--columns", nargs="+", required=True, metavar="NAME", help="columns, wildcards allowed")
+parser.add_argument("--start", type=float, default=-math.inf, metavar="S", help="rows before this time do not count")
+kind = parser.add_mutually_exclusive_group()
+kind.add_argument("--waterfall", action="store_true", help="amplitudes against time or --speed (one column)")
+kind.add_argument("--orders", metavar="ANGLE", help="column of a drive's angle [rad]: orders of its rotation")
+kind.add_argument("--decay", action="store_true", help="envelope, logarithmic decrement, damping ratio")
+parser.add_argument("--speed", metavar="COLUMN", help="with --waterfall: column of the drive's speed")
+parser.add_argument("--peaks", type=int, default=5, metavar="N", help="peaks that are named (%(default)s)")
+parser.add_argument("--output", type=Path, metavar="FILE", help="the picture: .png, .pdf, .svg (spectrum.png beside the run)")
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("spectrum", __doc__)
-    parser.add_argument("run", type=Path, metavar="RUN", help="results folder, results file or .csv")
-    parser.add_argument("--columns", nargs="+", required=True, metavar="NAME", help="columns, wildcards allowed")
-    parser.add_argument("--start", type=float, default=-math.inf, metavar="S", help="rows before this time do not count")
-    kind = parser.add_mutually_exclusive_group()
-    kind.add_argument("--waterfall", action="store_true", help="amplitudes against time or --speed (one column)")
-    kind.add_argument("--orders", metavar="ANGLE", help="column of a drive's angle [rad]: orders of its rotation")
-    kind.add_argument("--decay", action="store_true", help="envelope, logarithmic decrement, damping ratio")
-    parser.add_argument("--speed", metavar="COLUMN", help="with --waterfall: column of the drive's speed")
-    parser.add_argument("--peaks", type=int, default=5, metavar="N", help="peaks that are named (%(default)s)")
-    parser.add_argument("--output", type=Path, metavar="FILE", help="the picture: .png, .pdf, .svg (spectrum.png beside the run)")
-    return parser
-
-
-main = command.program("spectrum", arguments, "spectrum.spectrum")
+main = command.program(parser, "spectrum.spectrum")

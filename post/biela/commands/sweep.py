@@ -7,20 +7,11 @@
 An interrupted sweep goes on where it was; what was run is not run again. A run that fails stands in the table with its reason.
 """
 
-from __future__ import annotations
-
-import argparse
-
 from .. import command
 
+parser = command.study_parser("sweep", __doc__)
+parser.add_argument("--best", metavar="'min NAME'", help="name the best run: 'min' or 'max' and a result")
+parser.add_argument("--where", action="append", default=[], metavar="'NAME < VALUE'", help="condition of the best")
+parser.add_argument("--keep", action="store_true", help="keep all decks and results, with all their sensors")
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.study_parser("sweep", __doc__)
-    parser.add_argument("--best", metavar="'min NAME'", help="name the best run: 'min' or 'max' and a result")
-    parser.add_argument("--where", action="append", default=[], metavar="'NAME < VALUE'", help="condition of the best")
-    parser.add_argument("--keep", action="store_true", help="keep all decks and results, with all their sensors")
-    return parser
-
-
-main = command.program("sweep", arguments, "sweep_work.sweep")
+main = command.program(parser, "sweep_work.sweep")

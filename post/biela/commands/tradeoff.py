@@ -16,9 +16,6 @@ Exit status: 0 recommended.nml meets the tolerance, 1 nothing does (within the b
 Example: post/tradeoff.py input/four_bar.nml --sensor rocker motor --tolerance 1e-2
 """
 
-from __future__ import annotations
-
-import argparse
 import math
 import os
 from pathlib import Path
@@ -26,24 +23,18 @@ from pathlib import Path
 from .. import command
 from ..tradeoff_settings import METHODS
 
+parser = command.parser("tradeoff", __doc__, runs_solver=True)
+parser.add_argument("deck", type=Path, help="the deck, with a &transient and sensors")
+seconds = {"type": command.positive, "metavar": "SECONDS"}
+parser.add_argument("--sensor", nargs="+", default=[], metavar="NAME", help="sensors or columns (tip.v) to get right (all)")
+parser.add_argument("--tolerance", type=command.positive, default=1.0e-3, help="largest error over the range (%(default)g)")
+parser.add_argument("--budget", **seconds, default=math.inf, help="of a recommended run at most (any)")
+parser.add_argument("--truth", choices=["deck", "refined"], default="deck", help="measures errors (%(default)s)")
+parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS), help="methods that are tried (all)")
+parser.add_argument("--output", type=Path, help="folder (results/tradeoff/<deck name>)")
+parser.add_argument("--jobs", type=command.count, default=os.cpu_count() or 1, help="runs at a time (%(default)s)")
+parser.add_argument("--longest-run", **seconds, default=120.0, help="of any run at most (%(default)g)")
+parser.add_argument("--time", **seconds, default=600.0, help="of the whole study (%(default)g)")
+parser.add_argument("--quiet", action="store_true", help="no progress bar")
 
-def arguments() -> argparse.ArgumentParser:
-    """Return the command line's parser."""
-    parser = command.parser("tradeoff", __doc__)
-    parser.add_argument("deck", type=Path, help="the deck, with a &transient and sensors")
-    seconds = {"type": command.positive, "metavar": "SECONDS"}
-    parser.add_argument("--sensor", nargs="+", default=[], metavar="NAME", help="sensors or columns (tip.v) to get right (all)")
-    parser.add_argument("--tolerance", type=command.positive, default=1.0e-3, help="largest error over the range (%(default)g)")
-    parser.add_argument("--budget", **seconds, default=math.inf, help="of a recommended run at most (any)")
-    parser.add_argument("--truth", choices=["deck", "refined"], default="deck", help="measures errors (%(default)s)")
-    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS), help="methods that are tried (all)")
-    parser.add_argument("--output", type=Path, help="folder (results/tradeoff/<deck name>)")
-    parser.add_argument("--jobs", type=command.count, default=os.cpu_count() or 1, help="runs at a time (%(default)s)")
-    parser.add_argument("--longest-run", **seconds, default=120.0, help="of any run at most (%(default)g)")
-    parser.add_argument("--time", **seconds, default=600.0, help="of the whole study (%(default)g)")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    parser.add_argument("--biela", type=Path, default=command.SOLVER, help="the solver (bin/biela of the project)")
-    return parser
-
-
-main = command.program("tradeoff", arguments, "tradeoff_work.work")
+main = command.program(parser, "tradeoff_work.work")
