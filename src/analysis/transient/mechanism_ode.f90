@@ -1,18 +1,16 @@
 !> The mechanism as integrators see it: what implicit methods ask beyond its rates and events.
 module mechanism_ode
   use kinds, only: wp
-  use body_condensation, only: condense_bodies
   use border_row_lists, only: row_lists, list_rows, order_rows
   use border_rows, only: regularise_weak_rows, light_shift, least_shift, strong_shift, stage_shift
   use condensed_system, only: change_rows
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed, &
                                       change_complex => change_rows
   use controls, only: control_inputs, control_slopes, solve_controls
-  use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values, row_rates, apply_multipliers
+  use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values, row_rates
   use evaluation_settings, only: at_side
   use evaluation_results, only: powers_of
   use force_element, only: idle
-  use joint_system, only: condense_constraints
   use mechanism, only: mechanism_model
   use mechanism_events, only: switching_mechanism
   use complex_newton_condensation, only: condense_complex => condense
@@ -20,7 +18,7 @@ module mechanism_ode
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
   use newton_equations, only: prepare, set_terms, use_given_terms, residual, gather_residual, renew
   use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, rounding_scale_of
-  use newton_start, only: smooth_accelerations, row_gaps
+  use newton_start, only: smooth_accelerations, row_gaps, row_correction_by_mass
   use newton_system, only: newton_matrix, set_up_newton
   use position_measures, only: position_measure
   use stage_equations, only: factor_stages, complex_tangents
@@ -33,7 +31,6 @@ module mechanism_ode
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     logical, private :: turning_lines = .false.   !! single-stage methods: rates are closed by the mass (theory.md, section 7)
-    real(wp), allocatable, private :: rest(:)      !! (nq or nz) zeros [m/s, rad/s]
     logical, allocatable, private :: bordered(:)   !! whether each element that switches has rows in the border of implicit steps
   contains
     procedure :: start_implicit
@@ -71,7 +68,6 @@ contains
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%stages)) deallocate (self%stages)
     allocate (self%t)
-    self%rest = spread(0.0_wp, 1, max(self%nq, self%nz))
     self%turning_lines = .not. stages .and. any([(self%m%s%constraints(k)%item%line_turns(), k=1, size(self%m%s%constraints))])
     call set_up_newton(self%t, self%m)
     if (stages) then
@@ -315,42 +311,14 @@ contains
     real(wp), intent(in), contiguous :: gap(:, :)        !! (rows, columns) [m] and its derivatives
     real(wp), intent(out), contiguous :: dq(:, :)        !! (nq, columns) [m, rad] and theirs
     real(wp), intent(out), contiguous :: dlambda(:, :)   !! (rows, columns) [N] and theirs
-    logical :: by_mass
-    by_mass = .false.
-    if (self%turning_lines) call close_by_mass(self, q, gap, dq, dlambda, by_mass)
-    if (by_mass) return
-    if (.not. allocated(self%stages)) call regularise_weak_rows(self%t%t%rows)
+    logical :: closed
+    closed = .false.
     call set_frames(self%m, self%ev, q)
+    if (self%turning_lines) call row_correction_by_mass(self%m, self%ev, self%t%t%c1, q, gap, dq, dlambda, closed)
+    if (closed) return
+    if (.not. allocated(self%stages)) call regularise_weak_rows(self%t%t%rows)
     call row_correction(self%t%t, self%m, self%ev, gap, dq, dlambda)
   end subroutine gap_correction
-
-  !> The same by the mass alone, M dq + Phi_q^T dlambda/c1 = 0, with the rows' gradients of the last evaluation; not where rows are
-  !> off or depend on others.
-  subroutine close_by_mass(self, q, gap, dq, dlambda, ok)
-    class(mechanism_system), intent(inout) :: self
-    real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
-    real(wp), intent(in), contiguous :: gap(:, :)        !! (rows, columns) [m] and its derivatives
-    real(wp), intent(out), contiguous :: dq(:, :)        !! (nq, columns) [m, rad] and theirs
-    real(wp), intent(out), contiguous :: dlambda(:, :)   !! (rows, columns) [N] and theirs
-    logical, intent(out) :: ok
-    integer :: k
-    associate (m => self%m, ev => self%ev, nq => self%nq, nz => self%nz)
-      ok = .true.
-      if (allocated(ev%rows%off)) ok = .not. any(ev%rows%off)
-      if (.not. ok) return
-      call set_frames(m, ev, q)
-      call condense_bodies(m, ev, [0.0_wp, 0.0_wp], q, self%rest(1:nq), self%rest(1:nz), self%rest(1:self%nzd))
-      call condense_constraints(m, ev, .false.)
-      call ev%schur%factor_strong(ok)
-      if (.not. ok) return
-      do k = 1, size(gap, 2)
-        dlambda(:, k) = gap(:, k)
-        call ev%schur%solve(dlambda(:, k))
-        call apply_multipliers(m, ev, dlambda(:, k), dq(:, k))
-        dlambda(:, k) = self%t%t%c1*dlambda(:, k)
-      end do
-    end associate
-  end subroutine close_by_mass
 
   !> Deformations that internal variables follow.
   subroutine deformations(self, t, q, v, delta)

@@ -2,14 +2,16 @@
 !> banded solves of a flexible body, and the 3 x 3 mass and forces that are left of it, in body axes.
 module body_condensation
   use kinds, only: wp
+  use body, only: body_model
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model, factor_frame
+  use elastic_operators, only: add_product, bilinear
   use flexible_forces, only: elastic_forces
   use marker, only: turn
   use marker_forces, only: load_elastic
   implicit none (type, external)
   private
-  public :: condense_bodies
+  public :: condense_bodies, condense_masses
 
 contains
 
@@ -30,6 +32,47 @@ contains
       end if
     end do
   end subroutine condense_bodies
+
+  !> The condensed mass alone, at positions q: as `condense_bodies`, but forces are zero.
+  subroutine condense_masses(self, ev, q)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(inout) :: ev
+    real(wp), intent(in), contiguous :: q(:)          !! (nq) [m, rad]
+    real(wp) :: inertia, sx(2), sy(2), tx, ty
+    integer :: b, i
+    do b = 1, size(ev%frame%cos)
+      if (.not. self%flexible(b)) then
+        ev%frame%l(:, b) = self%rigid(4:6, b)
+        ev%frame%dinv(:, b) = self%rigid(7:9, b)
+        cycle
+      end if
+      i = self%s%qo(b) + 3
+      associate (body => self%s%bodies(self%prototype(b)), w => ev%elastic(b))
+        associate (shape => body%shape, x => q(i + 1:i + body%nf))
+          w%force = 0.0_wp
+          w%v(1:) = -x
+          w%coupling(1:) = shape%rest_c0
+          call add_product(body%op%skew, body%op%z, w%v(1:), w%coupling(1:))
+          call solve_elastic(self, ev, b, sx, sy, tx, ty)
+          inertia = shape%rest_i11 + 2*dot_product(shape%rest_i1f, x) + bilinear(body%op%symmetric, body%op%m, x, x) - ty
+          call factor_mass(body, shape%rest_i1 + turn(shape%moment(x)) - sy, inertia, ev%frame%l(:, b), ev%frame%dinv(:, b))
+        end associate
+      end associate
+    end do
+  end subroutine condense_masses
+
+  !> Factors of a flexible body's condensed mass.
+  pure subroutine factor_mass(body, moment, inertia, frame_l, frame_dinv)
+    type(body_model), intent(in) :: body
+    real(wp), intent(in) :: moment(2)       !! condensed, of the rest of a turn [kg m]
+    real(wp), intent(in) :: inertia         !! likewise [kg m2]
+    real(wp), intent(out) :: frame_l(3)     !! L [-, m, m]
+    real(wp), intent(out) :: frame_dinv(3)  !! 1/D [1/kg, 1/kg, 1/(kg m2)]
+    associate (sps => body%shape%sps)
+      call factor_frame(body%mass - sps(1, 1), -sps(1, 2), body%mass - sps(2, 2), moment(1), moment(2), inertia, frame_l, &
+                        frame_dinv)
+    end associate
+  end subroutine factor_mass
 
   !> Condensed mass and inertia forces of a rigid body (constant mass in body axes).
   pure subroutine rigid_body(constants, c, s, gravity, thetad, p, rhs, frame_l, frame_dinv)
@@ -88,9 +131,7 @@ contains
       call solve_elastic(self, ev, b, sx, sy, tx, ty)
       ev%frame%rhs(1:2, b) = ev%frame%rhs(1:2, b) - sx
       ev%frame%rhs(3, b) = ev%frame%rhs(3, b) - tx
-      call factor_frame(body%mass - body%shape%sps(1, 1), -body%shape%sps(1, 2), body%mass - body%shape%sps(2, 2), &
-                        hp(1) - sy(1), hp(2) - sy(2), body%shape%rest_i11 + 2*rest_q + qmq - ty, ev%frame%l(:, b), &
-                        ev%frame%dinv(:, b))
+      call factor_mass(body, hp - sy, body%shape%rest_i11 + 2*rest_q + qmq - ty, ev%frame%l(:, b), ev%frame%dinv(:, b))
     end associate
     if (.not. all(ev%frame%dinv(:, b) > 0.0_wp)) ev%broken = .true.
   end subroutine flexible_body

@@ -1,9 +1,10 @@
-!> Accelerations with which an implicit method starts, by its dynamic stiffness, and the rows with their derivatives, by which it
-!> corrects rates.
+!> Accelerations with which an implicit method starts, by its dynamic stiffness. The rows with their derivatives, by which it
+!> corrects rates, and that correction by the mass alone.
 module newton_start
   use kinds, only: wp
+  use body_condensation, only: condense_masses
   use border_rows, only: regularise_weak_rows, light_shift, least_shift
-  use dynamics, only: marker_kinematics, constraint_values, row_rates
+  use dynamics, only: apply_multipliers, marker_kinematics, condense_constraints, constraint_values, row_rates
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
   use joint_system, only: add_row_motion, velocity_terms
@@ -14,7 +15,7 @@ module newton_start
   use switched_rows, only: leave_open
   implicit none (type, external)
   private
-  public :: smooth_accelerations, row_gaps
+  public :: smooth_accelerations, row_gaps, row_correction_by_mass
 
 contains
 
@@ -87,4 +88,31 @@ contains
       call leave_open(ev, gap(:, k))
     end do
   end subroutine row_gaps
+
+  !> Closes gaps by the mass alone, M dq + Phi_q^T dlambda/c1 = 0, with the rows' gradients of the last evaluation; not where rows
+  !> are off or depend on others.
+  subroutine row_correction_by_mass(m, ev, c1, q, gap, dq, dlambda, ok)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev        !! with the frames of q
+    real(wp), intent(in) :: c1                   !! [1/s2]
+    real(wp), intent(in), contiguous :: q(:)     !! (nq) [m, rad]
+    real(wp), intent(in), contiguous :: gap(:, :)        !! (rows, columns) [m] and its derivatives
+    real(wp), intent(out), contiguous :: dq(:, :)        !! (nq, columns) [m, rad] and theirs
+    real(wp), intent(out), contiguous :: dlambda(:, :)   !! (rows, columns) [N] and theirs
+    logical, intent(out) :: ok
+    integer :: k
+    ok = .true.
+    if (allocated(ev%rows%off)) ok = .not. any(ev%rows%off)
+    if (.not. ok) return
+    call condense_masses(m, ev, q)
+    call condense_constraints(m, ev, .false.)
+    call ev%schur%factor_strong(ok)
+    if (.not. ok) return
+    dlambda = gap
+    do k = 1, size(gap, 2)
+      call ev%schur%solve(dlambda(:, k))
+      call apply_multipliers(m, ev, dlambda(:, k), dq(:, k))
+    end do
+    dlambda = c1*dlambda
+  end subroutine row_correction_by_mass
 end module newton_start
