@@ -1,6 +1,7 @@
 !> Changes of a deck that lift what limits an explicit step, body by body, and their names in the advice.
 module deck_changes
   use kinds, only: wp
+  use deck_mesh, only: set_elements
   use deck_records, only: deck
   use text, only: to_text
   implicit none (type, external)
@@ -60,7 +61,7 @@ contains
     case (without_axial)
       d%bodies(b)%axial = .false.
     case (half_elements)
-      call halve_elements(d, b)
+      call set_elements(d, b, (d%bodies(b)%elements + 1)/2)
     case (two_modes)
       d%bodies(b)%modes = 2
     case (rigid)
@@ -106,38 +107,4 @@ contains
       text = 'without the Rayleigh damping of '//on
     end select
   end function change_words
-
-  !> Halves the elements of a beam; lumps, joints and forces move to the nearest node that remains.
-  subroutine halve_elements(d, b)
-    type(deck), intent(inout) :: d
-    integer, intent(in) :: b
-    integer :: n
-    n = d%bodies(b)%elements
-    d%bodies(b)%elements = (n + 1)/2
-    d%bodies(b)%nodes = d%bodies(b)%elements + 1
-    d%bodies(b)%element_material = d%bodies(b)%element_material(1:d%bodies(b)%elements)
-    d%bodies(b)%element_section = d%bodies(b)%element_section(1:d%bodies(b)%elements)
-    if (d%bodies(b)%reference == 'explicit') call take_nearest(n, .true., d%bodies(b)%reference_node)
-    call take_nearest(n, d%lumps%marker%body == b, d%lumps%marker%node)
-    call take_nearest(n, d%joints%a%body == b, d%joints%a%node)
-    call take_nearest(n, d%joints%b%body == b, d%joints%b%node)
-    call take_nearest(n, d%joints%c%body == b, d%joints%c%node)
-    call take_nearest(n, d%drives%a%body == b, d%drives%a%node)
-    call take_nearest(n, d%drives%b%body == b, d%drives%b%node)
-    call take_nearest(n, d%springs%a%body == b, d%springs%a%node)
-    call take_nearest(n, d%springs%b%body == b, d%springs%b%node)
-    call take_nearest(n, d%forces%marker%body == b, d%forces%marker%node)
-    call take_nearest(n, d%stops%a%body == b, d%stops%a%node)
-    call take_nearest(n, d%stops%b%body == b, d%stops%b%node)
-    call take_nearest(n, d%sensors%marker%body == b, d%sensors%marker%node)
-    call take_nearest(n, d%sensors%other%body == b, d%sensors%other%node)
-  end subroutine halve_elements
-
-  !> The node of the coarser mesh nearest to one of a body of n elements.
-  elemental subroutine take_nearest(n, here, node)
-    integer, intent(in) :: n
-    logical, intent(in) :: here                !! the node is one of that body
-    integer, intent(inout) :: node
-    if (here .and. node > 0) node = 1 + nint(real((node - 1)*((n + 1)/2), wp)/n)
-  end subroutine take_nearest
 end module deck_changes

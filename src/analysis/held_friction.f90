@@ -16,8 +16,8 @@ contains
     type(run_state), intent(inout) :: run
     character(*), intent(in) :: word               !! of the deck: 'held', 'free'
     call run%sys%free_friction()
-    call run%sys%hold_stops(0.0_wp, run%y)
-    if (word == 'held') call run%sys%hold_friction(0.0_wp, run%y)
+    call run%sys%hold_stops(run%y)
+    if (word == 'held') call run%sys%hold_friction(run%y)
   end subroutine set_friction
 
   !> Says which joints are held, which slide, and which rigid stops are closed.

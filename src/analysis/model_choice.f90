@@ -5,7 +5,7 @@ module model_choice
   use accuracy_words, only: column_lines, least_part
   use build_scene, only: build
   use deck_geometry, only: removed_coordinates
-  use deck_mesh, only: halve_elements, set_mesh
+  use deck_mesh, only: set_elements, set_mesh
   use deck_records, only: body_record, deck
   use errors, only: failure, fault_list, status_bad_input, status_failed, status_signal
   use modal_basis, only: modal_model
@@ -108,7 +108,8 @@ contains
     integer :: k
     better = d
     do k = 1, size(d%bodies)
-      if (d%bodies(k)%kind == 'beam' .and. .not. d%bodies(k)%auto_elements) call halve_elements(better, k)
+      if (d%bodies(k)%kind /= 'beam' .or. d%bodies(k)%auto_elements) cycle
+      call set_elements(better, k, 2*d%bodies(k)%elements)
     end do
   end function halved
 

@@ -11,7 +11,7 @@ module singular
   use projection, only: project
   implicit none (type, external)
   private
-  public :: evaluate_branch
+  public :: evaluate_branch, at_rest
 
   real(wp), parameter :: largest_turn = 5.0e-3_wp   !! largest turn of a body to the neighbouring states [rad]
   real(wp), parameter :: steady = 0.05_wp       !! largest change of velocities on the way, relative to the velocities [-]
@@ -42,7 +42,7 @@ contains
   end subroutine evaluate_branch
 
   !> Replaces accelerations, multipliers and input power of the last evaluation by those of the branch of motion. Cases:
-  !> - drives at rest leave no freedom: no acceleration;
+  !> - drives at rest leave no freedom: no acceleration, though a singular position seems to allow one;
   !> - the mechanism moves and its neighbouring states are not singular: their mean;
   !> - else, where drives leave no freedom and come to rest here (a dead centre): the joints' equations solved as they are, as
   !>   long as they are not exactly singular;
@@ -59,7 +59,7 @@ contains
     real(wp) :: s, rate
     logical :: ok
     integer :: round
-    if (at_rest(m, ev, v)) then
+    if (m%s%permanent_rows == m%s%nq .and. at_rest(ev, v)) then
       ev%a = 0.0_wp
       return
     end if
@@ -85,13 +85,11 @@ contains
     ev%input_power = branch%power
   end subroutine smooth_accelerations
 
-  !> Whether drives at rest leave no freedom. There is no acceleration then, though a singular position seems to allow one.
-  pure logical function at_rest(m, ev, v) result(yes)
-    type(mechanism_model), intent(in) :: m
+  !> Whether nothing moves and no drive accelerates anything.
+  pure logical function at_rest(ev, v) result(yes)
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)                !! (nq) [m/s, rad/s]
-    yes = m%s%permanent_rows == m%s%nq .and. .not. (any(abs(v) > 0.0_wp) .or. any(abs(ev%rows%phi_t) > 0.0_wp) .or. &
-                                          any(abs(ev%rows%acceleration_bias) > 0.0_wp))
+    yes = .not. (any(abs(v) > 0.0_wp) .or. any(abs(ev%rows%phi_t) > 0.0_wp) .or. any(abs(ev%rows%acceleration_bias) > 0.0_wp))
   end function at_rest
 
   !> Whether the motion passes through: its accelerations are small enough. Where drives leave no freedom it may come to rest there

@@ -19,6 +19,7 @@ module equilibrium
   use prescribed_motion, only: prescribe, motion_units
   use process, only: caught_signal
   use scene_run, only: run_state, relax
+  use singular, only: at_rest
   implicit none (type, external)
   private
   public :: find_equilibrium, find_contacts, equilibrium_report
@@ -172,7 +173,7 @@ contains
     call evaluate_state(run%sys, options, run%y)
     allocate (steady(nq), source=0.0_wp)
     associate (m => run%sys%m, ev => run%sys%ev)
-      if (moves(run)) then
+      if (.not. at_rest(ev, run%y(nq + 1:2*nq))) then
         call linear_system_with(m, ev, run%y, ev%a, ev%lambda, ev%action, ds, lin)
         call prescribe(run, options, ds, steady)
       end if
@@ -188,15 +189,6 @@ contains
     r(nq + 1:) = -run%sys%ev%rows%phi(ds%active)
     call measure(run, ds, force, report)
   end subroutine equations
-
-  !> Whether bodies move or drives accelerate them.
-  pure logical function moves(run) result(yes)
-    type(run_state), intent(in) :: run
-    integer :: nq
-    nq = run%sys%m%s%nq
-    yes = any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. any(abs(run%sys%ev%rows%phi_t) > 0.0_wp) &
-          .or. any(abs(run%sys%ev%rows%acceleration_bias) > 0.0_wp)
-  end function moves
 
   !> Residual (moments over the size) and gap, relative to the largest force and to the size.
   subroutine measure(run, ds, force, report)

@@ -72,7 +72,7 @@ contains
                                                 self%ev%switches%state(:self%m%s%stops) /= 0)
     call meet_rigid_stops(self, t, y, spread(.false., 1, self%roots))
     call count_events(self, t, 1)
-    call self%hold_friction(t, y)
+    call self%hold_friction(y)
     call limit_steps_at_rest(self)
     do k = 1, size(self%friction)
       self%friction(k)%place = self%position_of(k)
@@ -89,10 +89,9 @@ contains
     end associate
   end function position_of
 
-  !> Rigid stops that are touched and pressed at a state at rest are closed, others open.
-  subroutine hold_stops(self, t, y)
+  !> Rigid stops that are touched and pressed at a state at rest at t = 0 are closed, others open.
+  subroutine hold_stops(self, y)
     class(switching_mechanism), intent(inout) :: self
-    real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     type(motion_state) :: at
     type(event_list) :: unheard
@@ -102,22 +101,21 @@ contains
     do k = 1, self%m%s%stops
       if (is_rigid_stop(self%m, k)) self%ev%switches%state(k) = idle
     end do
-    at = self%motion_at(t, y)
+    at = self%motion_at(0.0_wp, y)
     call pass_impacts(self%m, self%ev, at, spread(.false., 1, most_roots*self%m%s%elements), unheard, x)
   end subroutine hold_stops
 
-  !> Joints with friction stick or slip as they do at the start.
-  subroutine hold_friction(self, t, y)
+  !> Joints with friction stick or slip as they do at t = 0.
+  subroutine hold_friction(self, y)
     class(switching_mechanism), intent(inout) :: self
-    real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical :: none(most_roots*size(self%m%s%friction)), ok
     logical, dimension(size(self%m%s%friction)) :: rests, breaks   ! (rows that switch)
     if (size(self%m%s%friction) == 0) return
     none = .false.
     call self%free_friction()
-    call hold_resting(self%m, self%ev, self%motion_at(t, y), none, rests, breaks)
-    call settle_friction(self%m, self%ev, self%motion_at(t, y), none, rests, breaks, ok)
+    call hold_resting(self%m, self%ev, self%motion_at(0.0_wp, y), none, rests, breaks)
+    call settle_friction(self%m, self%ev, self%motion_at(0.0_wp, y), none, rests, breaks, ok)
     self%pressing = spread(0.0_wp, 1, size(self%m%s%friction))
     call check_friction(self, ok)
   end subroutine hold_friction

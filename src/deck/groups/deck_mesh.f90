@@ -1,14 +1,14 @@
 !> Meshes of beams with elements='auto': a node wherever the deck names a place, and between them elements of nearly one length.
-!> Other meshes with each element halved.
+!> Other meshes with another number of elements.
 module deck_mesh
   use kinds, only: wp
   use deck_records, only: deck, marker_record
   use sorting, only: ascending
   implicit none (type, external)
   private
-  public :: halve_elements, set_mesh
+  public :: set_elements, set_mesh
 
-  integer, parameter :: collecting = 1, placing = 2, halving = 3   !! what is done with markers
+  integer, parameter :: collecting = 1, placing = 2, renumbering = 3   !! what is done with markers
 
 contains
 
@@ -45,29 +45,41 @@ contains
     call visit_all(d, b, placing, places)
   end subroutine set_mesh
 
-  !> A beam's mesh with twice as many elements; all that names a node means the same place.
-  subroutine halve_elements(d, b)
+  !> A beam's mesh with another number of elements of one length; all that names a node names the nearest one then.
+  subroutine set_elements(d, b, elements)
     type(deck), intent(inout) :: d
     integer, intent(in) :: b                   !! body
+    integer, intent(in) :: elements
     real(wp), allocatable :: none(:)           ! [-]
-    integer :: k
+    integer :: k, before(elements)             ! the element that had the middle of each one
+    real(wp) :: ratio                          ! [-]
     associate (r => d%bodies(b))
-      r%elements = 2*r%elements
-      r%nodes = r%elements + 1
-      r%element_material = r%element_material([((k + 1)/2, k=1, r%elements)])
-      r%element_section = r%element_section([((k + 1)/2, k=1, r%elements)])
-      if (allocated(r%reference_node)) r%reference_node = 2*r%reference_node - 1
+      before = [(1 + (2*k - 1)*r%elements/(2*elements), k=1, elements)]
+      r%element_material = r%element_material(before)
+      r%element_section = r%element_section(before)
+      ratio = real(elements, wp)/r%elements
+      r%elements = elements
+      r%nodes = elements + 1
+      if (allocated(r%reference_node)) r%reference_node = nearest_node(r%reference_node, ratio)
     end associate
     none = [real(wp) ::]
-    call visit_all(d, b, halving, none)
-  end subroutine halve_elements
+    call visit_all(d, b, renumbering, none, ratio)
+  end subroutine set_elements
+
+  !> The node nearest to another one in a mesh with a multiple of its elements.
+  elemental integer function nearest_node(node, ratio) result(next)
+    integer, intent(in) :: node                !! of the other mesh
+    real(wp), intent(in) :: ratio              !! of the numbers of elements [-]
+    next = 1 + nint((node - 1)*ratio)
+  end function nearest_node
 
   !> All markers of the deck.
-  subroutine visit_all(d, b, task, places)
+  subroutine visit_all(d, b, task, places, ratio)
     type(deck), intent(inout) :: d
     integer, intent(in) :: b                   !! body
     integer, intent(in) :: task
     real(wp), allocatable, intent(inout) :: places(:)   !! of the length [-]
+    real(wp), intent(in), optional :: ratio    !! of the numbers of elements [-]
     call visit(d%lumps%marker)
     call visit(d%joints%a)
     call visit(d%joints%b)
@@ -89,8 +101,8 @@ contains
       do i = 1, size(markers)
         associate (marker => markers(i))
           if (marker%body /= b) cycle
-          if (task == halving .and. marker%node > 0) marker%node = 2*marker%node - 1
-          if (task == halving .or. marker%share < 0.0_wp) cycle
+          if (task == renumbering .and. marker%node > 0) marker%node = nearest_node(marker%node, ratio)
+          if (task == renumbering .or. marker%share < 0.0_wp) cycle
           if (task == collecting) places = [places, marker%share]
           if (task == placing) marker%node = minloc(abs(d%bodies(b)%stations - marker%share), 1)
         end associate

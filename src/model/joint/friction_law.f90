@@ -75,7 +75,8 @@ contains
     mu = 0.0_wp
     if (abs(state) == row_slips) mu = sign(self%kinetic, real(state, wp))
     if (abs(state) == row_carried) mu = sign(self%static, real(state, wp))
-    y = own(self, lambda)
+    y = 0.0_wp                            ! the joint's multipliers that press [N]
+    y(:self%rows) = lambda(self%first:self%first + self%rows - 1)
     select case (self%contact)
     case (on_pin)
       if (any(abs(y) > 0.0_wp)) d = mu*self%radius/self%size*y/norm2(y)
@@ -112,15 +113,6 @@ contains
       pressure = sum(abs(law%pads(lambda)))
     end if
   end function pressure_of
-
-  !> The joint's multipliers that press.
-  pure function own(self, lambda) result(y)
-    class(coulomb_law), intent(in) :: self
-    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    real(wp) :: y(2)                      ! [N]
-    y = 0.0_wp
-    y(:self%rows) = lambda(self%first:self%first + self%rows - 1)
-  end function own
 
   !> Normal forces of the pads; a line has one, a pin none.
   pure function pads(self, lambda) result(n)
