@@ -247,9 +247,8 @@ contains
   end subroutine solve_band
 
   !> Whether two factors are the same numbers.
-  pure function same_factor(a, b) result(same)
+  pure logical function same_factor(a, b) result(same)
     type(band_factor), intent(in) :: a, b
-    logical :: same
     integer :: k
     same = a%n == b%n .and. size(a%blocks) == size(b%blocks)
     if (same) same = all(a%order == b%order) .and. all(abs(a%dinv - b%dinv) <= 0.0_wp)

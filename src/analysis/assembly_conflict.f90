@@ -106,7 +106,7 @@ contains
     end associate
   end subroutine open_constraint
 
-  !> Whether the constraints before one leave no motion of the frames that could close it: elastic coordinates are held in assembly.
+  !> Whether the constraints before one leave no motion of the frames that could close it. Assembly fixes elastic coordinates.
   logical function leaves_no_motion(d, culprit) result(yes)
     type(deck), intent(in) :: d
     integer, intent(in) :: culprit
@@ -135,28 +135,28 @@ contains
   end function leaves_no_motion
 
   !> Some of the constraints of a scene, one of them without the angle that it holds.
-  subroutine choose_part(all, kept, freed, part)
+  subroutine choose_part(all, chosen, freed, part)
     type(scene), intent(in) :: all
-    logical, intent(in) :: kept(:)                  !! (constraints)
+    logical, intent(in) :: chosen(:)                  !! (constraints)
     integer, intent(in) :: freed                    !! whose angle is free, 0: none
     type(scene), intent(out) :: part
     logical :: done
     integer :: k, n
     part = all
     deallocate (part%constraints)
-    allocate (part%constraints(count(kept(:all%permanent))))     ! rows that switch hold nothing
+    allocate (part%constraints(count(chosen(:all%permanent))))     ! rows that switch hold nothing
     deallocate (part%friction)
     allocate (part%friction(0))
     part%elements = size(part%switching)
     part%stop_rows = 0
     deallocate (part%integrated)
     allocate (part%integrated(0))
-    part%joints = count(kept(:all%joints))
+    part%joints = count(chosen(:all%joints))
     part%permanent = size(part%constraints)
     part%rows = 0
     n = 0
     do k = 1, all%permanent
-      if (.not. kept(k)) cycle
+      if (.not. chosen(k)) cycle
       n = n + 1
       allocate (part%constraints(n)%item, source=all%constraints(k)%item)
       if (k == freed) call part%constraints(n)%item%release_angle(done)
@@ -166,10 +166,10 @@ contains
     part%permanent_rows = part%rows
   end subroutine choose_part
 
-  !> Assembles the constraints of a scene that are kept; velocities do not count.
-  subroutine assemble_part(all, kept, freed, m, ev, q, report)
+  !> Assembles the constraints of a scene that are chosen; velocities do not count.
+  subroutine assemble_part(all, chosen, freed, m, ev, q, report)
     type(scene), intent(in) :: all
-    logical, intent(in) :: kept(:)                  !! (constraints)
+    logical, intent(in) :: chosen(:)                  !! (constraints)
     integer, intent(in) :: freed                    !! whose angle is free, 0: none
     type(mechanism_model), intent(out) :: m
     type(evaluation), intent(out) :: ev
@@ -177,7 +177,7 @@ contains
     type(assembly_report), intent(out) :: report
     type(failure) :: fail
     type(scene) :: part
-    call choose_part(all, kept, freed, part)
+    call choose_part(all, chosen, freed, part)
     call assemble_scene(part, m, ev, q, report, fail)
   end subroutine assemble_part
 

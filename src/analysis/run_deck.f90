@@ -166,9 +166,8 @@ contains
   end function step_refused
 
   !> The fixed step in use.
-  function fixed_step_of(run) result(h)
+  real(wp) function fixed_step_of(run) result(h)   ! [s]
     type(run_state), intent(in) :: run
-    real(wp) :: h                           !! [s]
     h = actual_step(run%d%transient%output_step, run%d%transient%step)
   end function fixed_step_of
 

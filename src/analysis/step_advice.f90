@@ -99,7 +99,7 @@ contains
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
     type(step_bound), intent(out) :: safe
     type(step_bound), intent(out), optional :: current
-    type(step_bound) :: held
+    type(step_bound) :: assembled
     type(evaluation) :: work
     type(fast_spectrum) :: fast
     work = ev
@@ -107,9 +107,9 @@ contains
     call fast%set_up(m, ev, q)
     call find_safe_bound(m, work, fast, safe)
     if (.not. (present(current) .or. fast%damped .or. fast%loops .or. size(fast%lin%segments) > 0)) return
-    call find_bound(m, work, .true., fast, held)
-    call take_smaller(held, safe)
-    if (present(current)) current = held
+    call find_bound(m, work, .true., fast, assembled)
+    call take_smaller(assembled, safe)
+    if (present(current)) current = assembled
   end subroutine both_bounds
 
   !> The advice in words: bounds, what limits, what removing it buys.

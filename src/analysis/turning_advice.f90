@@ -40,14 +40,14 @@ contains
     real(wp) :: own, growth                      ! of motions, by themselves and with the deck's step [1/s]
     real(wp) :: bound                            ! [s]
     real(wp) :: swing                            ! of bodies about the steady turn [rad]
-    logical :: whole
+    logical :: turns
     associate (m => run%sys%m, nq => run%sys%m%s%nq, t => run%d%transient)
       call find_turning_line(m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq), t%t_end, rate, name)
       if (rate <= 0.0_wp) return
       call text%figure('    where the line of "'//name//'" turns, at ', 'line_rate', rate, 4)
       call text%words%add(' rad/s: ')
-      call make_map(run, rate, map, swing, whole)
-      if (.not. whole) then
+      call make_map(run, rate, map, swing, turns)
+      if (.not. turns) then
         call text%line('no bound is known, since the scene does not turn as a whole: compare with radau or smaller steps')
         return
       end if
@@ -114,12 +114,12 @@ contains
 
   !> The map of a step about the start, all bodies turning at one rate about the point that the joints leave at rest. Flexible
   !> bodies have two modes each where the mesh has too many coordinates.
-  subroutine make_map(run, rate, map, swing, whole)
+  subroutine make_map(run, rate, map, swing, turns)
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: rate                 !! [rad/s]
     type(turning_map), intent(out) :: map
     real(wp), intent(out) :: swing               !! how far the start is from the steady turn [rad]
-    logical, intent(out) :: whole                !! the scene can turn so, and has few enough coordinates
+    logical, intent(out) :: turns                !! the scene can turn so, and has few enough coordinates
     type(deck) :: fewer
     type(mechanism_model) :: m
     type(evaluation) :: ev
@@ -128,28 +128,28 @@ contains
     integer :: b
     if (run%sys%m%s%nq <= most) then
       ev = run%sys%ev
-      call map_about(run%sys%m, ev, run%y(1:run%sys%m%s%nq), rate, map, swing, whole)
+      call map_about(run%sys%m, ev, run%y(1:run%sys%m%s%nq), rate, map, swing, turns)
       return
     end if
     fewer = run%d
     do b = 1, size(fewer%bodies)
       if (can_change(fewer, b, two_modes)) call change_body(fewer, b, two_modes)
     end do
-    call assemble_deck(fewer, m, ev, q, report, whole)
+    call assemble_deck(fewer, m, ev, q, report, turns)
     swing = 0.0_wp
-    if (whole) whole = m%s%nq <= most
-    if (whole) call map_about(m, ev, q, rate, map, swing, whole)
+    if (turns) turns = m%s%nq <= most
+    if (turns) call map_about(m, ev, q, rate, map, swing, turns)
   end subroutine make_map
 
   !> The same of a mechanism.
-  subroutine map_about(m, ev, q, rate, map, swing, whole)
+  subroutine map_about(m, ev, q, rate, map, swing, turns)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:)     !! (nq) assembled [m, rad]
     real(wp), intent(in) :: rate                 !! [rad/s]
     type(turning_map), intent(out) :: map
     real(wp), intent(out) :: swing               !! angle by which a body is off the steady turn, linearised [rad]
-    logical, intent(out) :: whole                !! the joints let it turn so
+    logical, intent(out) :: turns                !! the joints let it turn so
     real(wp), parameter :: open = 1.0e-6_wp      ! rates of rows that are rounding, over those of the scene's size [-]
     type(stiffness_system) :: ds
     type(linear_mechanism) :: lin
@@ -186,8 +186,8 @@ contains
     end do
     centre = [a(2, 2)*centre(1) - a(1, 2)*centre(2), a(1, 1)*centre(2) - a(2, 1)*centre(1)]/(a(1, 1)*a(2, 2) - a(1, 2)*a(2, 1))
     swing = 0.0_wp
-    whole = all(abs(rates(:, 0) + matmul(rates(:, 1:2), centre)) <= open*m%s%size)
-    if (.not. whole) return
+    turns = all(abs(rates(:, 0) + matmul(rates(:, 1:2), centre)) <= open*m%s%size)
+    if (.not. turns) return
     v = rate*(motion(:, 0) + matmul(motion(:, 1:2), centre))
     call linear_about(v)
     call map%build(lin, ds%active, m%s%qo, spread(rate, 1, size(m%s%bodies)), ev%a(m%s%qo + 3))
@@ -200,10 +200,10 @@ contains
     call ds%set((0.0_wp, 0.0_wp), 0.0_wp)
     call ds%factor()
     away = ds%padded(cmplx(rest, 0.0_wp, wp))
-    call ds%solve(away, exists=whole)
+    call ds%solve(away, exists=turns)
     swing = maxval(abs(real(away(m%s%qo + 3), wp)))
-    if (.not. whole) swing = 0.0_wp
-    whole = .true.
+    if (.not. turns) swing = 0.0_wp
+    turns = .true.
   contains
     !> The linearisation about q and rates.
     subroutine linear_about(rates)

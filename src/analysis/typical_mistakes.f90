@@ -147,12 +147,12 @@ contains
   subroutine loose_bodies(d)
     type(deck), intent(in) :: d
     type(marker_record), allocatable :: named(:, :)
-    logical :: held(0:size(d%bodies))
+    logical :: attached(0:size(d%bodies))
     if (size(d%joints) + size(d%springs) + size(d%drives) == 0) return
-    held = .false.
+    attached = .false.
     named = list_markers(d)
-    held([named%body]) = .true.
-    call warn_if(.not. (held(1:) .or. d%bodies%velocity_stated .or. d%bodies%angular_velocity_stated), d%bodies%at, &
+    attached([named%body]) = .true.
+    call warn_if(.not. (attached(1:) .or. d%bodies%velocity_stated .or. d%bodies%angular_velocity_stated), d%bodies%at, &
                  'no joint, drive, spring or force names it: it is left to itself')
   end subroutine loose_bodies
 
@@ -187,9 +187,8 @@ contains
   end subroutine look_for_twins
 
   !> Whether two markers are one.
-  pure function same(a, b) result(yes)
+  pure logical function same(a, b) result(yes)
     type(marker_record), intent(in) :: a, b
-    logical :: yes
     yes = a%body == b%body .and. a%node == b%node .and. .not. any(abs(a%point - b%point) > 0.0_wp)
   end function same
 

@@ -73,7 +73,7 @@ module posix
       character(kind=c_char), intent(out) :: name(*)
       integer(c_size_t), value :: room
     end function c_gethostname
-    !> getcwd(3): the current folder, a null pointer where it cannot be told.
+    !> getcwd(3): the current folder, a null pointer where it cannot be found.
     type(c_ptr) function c_getcwd(path, room) bind(c, name='getcwd')
       import :: c_char, c_ptr, c_size_t
       ! allow(C072): a buffer of any length is filled

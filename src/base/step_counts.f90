@@ -21,10 +21,9 @@ contains
   end function step_count
 
   !> The fixed step in use: an output interval is an integer number of steps.
-  pure function actual_step(output_step, step) result(h)
+  pure real(wp) function actual_step(output_step, step) result(h)   ! [s]
     real(wp), intent(in) :: output_step       !! [s]
     real(wp), intent(in) :: step              !! as written in the deck [s]
-    real(wp) :: h                             !! [s]
     h = output_step/real(step_count(0.0_wp, output_step, step), wp)
   end function actual_step
 end module step_counts

@@ -107,10 +107,9 @@ contains
 
   !> The scene's size S: the largest distance between two markers, nodes or mass centres of one body, or between two markers on
   !> the ground. Errors are small against S. So points count only where forces act, not where moments or sensors are.
-  function scene_size(s, acting) result(size_s)
+  real(wp) function scene_size(s, acting) result(size_s)   ! [m]
     type(scene), intent(in) :: s
     type(acting_marker), intent(in) :: acting(:, :)
-    real(wp) :: size_s                      !! [m]
     real(wp), allocatable :: points(:)      ! x and y of all points of one body [m]
     type(marker_record), allocatable :: list(:)
     integer, allocatable :: first(:), sorted(:)
@@ -124,7 +123,7 @@ contains
       size_s = max(size_s, body_length(reshape(points, [2, size(points)/2])))
     end do
     if (size_s > 0.0_wp) return
-    size_s = maxval(sqrt(s%bodies%i11/s%bodies%mass))     ! one body held at its mass centre: radius of gyration
+    size_s = maxval(sqrt(s%bodies%i11/s%bodies%mass))     ! one body, fixed at its mass centre: radius of gyration
     if (.not. size_s > 0.0_wp) size_s = 1.0_wp
   end function scene_size
 

@@ -1,8 +1,8 @@
 !> Corrections of positions by the frames alone, elastic coordinates fixed: Phi_r Mc^-1 Phi_r^T mu = Phi with the condensed masses
 !> Mc of the last evaluation. A mass-orthogonal correction would also move elastic coordinates. A stiff one then accelerates by
 !> omega^2 times its correction: rounding of positions, 1e-16 m, becomes 1e-6 m/s2 at 1e5 rad/s in every step.
-!> Frames have no stiffness. Where they cannot close the joints well (a beam held at both ends, positions near a singular one), the
-!> mass-orthogonal correction is used.
+!> Frames have no stiffness. Where they cannot close the joints well (a beam between two fixed joints, positions near a singular
+!> one), the mass-orthogonal correction is used.
 module frame_closing
   use kinds, only: wp
   use joint_response, only: solve_frames, turn_frames
@@ -13,7 +13,7 @@ module frame_closing
   private
   public :: prepare_frames, close_frames
 
-  real(wp), parameter :: well_held = 1.0e-3_wp   !! relative pivot from which frames close joints well: by motions of at most
+  real(wp), parameter :: well_closed = 1.0e-3_wp   !! relative pivot from which frames close joints well: by motions of at most
                                                  !! some thirty times the gap [-]
 
 contains
@@ -24,7 +24,7 @@ contains
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     logical, intent(out) :: usable
-    usable = any(self%flexible) .and. .not. ev%elastic_held
+    usable = any(self%flexible) .and. .not. ev%elastic_fixed
     if (.not. usable) return
     if (allocated(ev%rows%off)) call ev%closing%hold(ev%rows%off)
     call ev%closing%clear()
@@ -34,7 +34,7 @@ contains
                               ev%frame%dinv, ev%side%rigid_wrench, &
                               ev%side%g, self%s%rows, ev%closing%scale, size(ev%closing%entry), ev%closing%entry, &
                               size(ev%closing%s), ev%closing%s)
-    ev%closing%weakest = well_held
+    ev%closing%weakest = well_closed
     call ev%closing%factor_strong(usable)
   end subroutine prepare_frames
 

@@ -38,7 +38,7 @@ contains
     real(wp), allocatable :: start(:)
     real(wp) :: worst, goal
     integer :: attempt, pass, k
-    logical :: uneven, beyond_digits, elastic_held
+    logical :: uneven, beyond_digits, elastic_fixed
     start = v
     call evaluate_start(self, ev, q, v)
     if (self%s%rows == 0) return
@@ -48,16 +48,16 @@ contains
     goal = 1.0e-11_wp*max(maxval(abs(ev%p%v)), self%s%size*maxval(abs(ev%p%rate)), maxval(abs(ev%rows%phi_t)))
     do attempt = 1, 4
       v = start
-      elastic_held = attempt <= 2
+      elastic_fixed = attempt <= 2
       if (mod(attempt, 2) == 0) then
         do pass = 1, rounds
           where (self%s%stated) v = start
-          call correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked=.false.)
+          call correct_velocities(self, ev, q, v, goal, worst, elastic_fixed, masked=.false.)
         end do
         if (worst <= goal) v = merge(v, start, self%s%stated)
       end if
-      call correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked=.true.)
-      if (worst <= goal .or. beyond_digits) exit      ! rounding cannot be told from a contradiction there
+      call correct_velocities(self, ev, q, v, goal, worst, elastic_fixed, masked=.true.)
+      if (worst <= goal .or. beyond_digits) exit      ! rounding cannot be distinguished from a contradiction there
     end do
     call evaluate_start(self, ev, q, v)
     if (worst > goal .and. uneven) then
@@ -81,20 +81,20 @@ contains
   end subroutine close_velocities
 
   !> Velocity corrections until the rows hold.
-  subroutine correct_velocities(self, ev, q, v, goal, worst, elastic_held, masked)
+  subroutine correct_velocities(self, ev, q, v, goal, worst, elastic_fixed, masked)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: q(:)            !! (nq) [m, rad]
     real(wp), intent(inout) :: v(:)         !! (nq) [m/s, rad/s]
     real(wp), intent(in) :: goal               !! [m/s]
     real(wp), intent(out) :: worst             !! largest |Phi'| left [m/s]
-    logical, intent(in) :: elastic_held        !! by the frames alone
+    logical, intent(in) :: elastic_fixed        !! by the frames alone
     logical, intent(in) :: masked              !! stated velocities are kept; else they are heavy
     logical :: good
     integer :: pass
     call evaluate_start(self, ev, q, v)   ! the metric is that of its mass matrix
-    call weigh_frames(self, ev, elastic_held, masked)
-    call condense_constraints(self, ev, elastic_held)
+    call weigh_frames(self, ev, elastic_fixed, masked)
+    call condense_constraints(self, ev, elastic_fixed)
     call ev%schur%factor_strong(good)
     if (.not. good) then
       call condense_geometry(self, ev)
@@ -112,17 +112,17 @@ contains
   end subroutine correct_velocities
 
   !> Frame metrics: the rigid mass, or the mass condensed by `evaluate`; stated components fixed (masked) or heavy.
-  subroutine weigh_frames(self, ev, elastic_held, masked)
+  subroutine weigh_frames(self, ev, elastic_fixed, masked)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: elastic_held
+    logical, intent(in) :: elastic_fixed
     logical, intent(in) :: masked
     real(wp) :: m(3, 3), p(2), weight
     integer :: b, i, k
     do b = 1, size(self%s%bodies)
       i = self%s%qo(b)
       associate (body => self%s%bodies(b))
-        if (elastic_held) then
+        if (elastic_fixed) then
           p = body%i1
           m = reshape([body%mass, 0.0_wp, -p(2), 0.0_wp, body%mass, p(1), -p(2), p(1), body%i11], [3, 3])
         else

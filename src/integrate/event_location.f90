@@ -82,10 +82,10 @@ contains
     logical, intent(out) :: found, ok
     type(root_values) :: left, right(most_trials + 1)   ! ends of intervals yet to be searched, the nearest one last
     real(wp) :: defect(system%roots)          ! C of each root, as in `correct_rates` [any]
-    real(wp) :: whole, s, target
+    real(wp) :: full_step, s, target
     integer :: n, k, trials
     logical :: falls
-    whole = h
+    full_step = h
     target = march%tried
     ok = .true.
     defect = 0.0_wp
@@ -103,8 +103,8 @@ contains
         n = n - 1
         cycle
       end if
-      found = falls .and. (right(n)%h - left%h <= same_event*whole .or. trials == most_trials)
-      if (falls .and. left%h <= 0.0_wp .and. s <= same_event*whole) found = .true.
+      found = falls .and. (right(n)%h - left%h <= same_event*full_step .or. trials == most_trials)
+      if (falls .and. left%h <= 0.0_wp .and. s <= same_event*full_step) found = .true.
       if (found .and. left%h <= 0.0_wp) h = 0.0_wp
       if (found .or. trials == most_trials) exit
       if ((trials >= quick_trials .and. mod(trials, 2) == 0) .or. .not. left%h + s > left%h) s = 0.5_wp*(right(n)%h - left%h)
@@ -120,16 +120,16 @@ contains
       n = n + 1
       call roots_at_trial(march, system, h, right(n))
       call guess_rates(left, right(n), right(n - 1))
-      call correct_rates(left, right(n), right(n - 1), march%settings%order, near*whole, march%roots%zero, defect)
+      call correct_rates(left, right(n), right(n - 1), march%settings%order, near*full_step, march%roots%zero, defect)
       found = ends_event(march, left, right(n), k)
       if (found) exit
     end do
     if (found) then
-      if (h >= (1 - same_event)*whole) march%tried = target
+      if (h >= (1 - same_event)*full_step) march%tried = target
       if (abs(h - left%h) > 0.0_wp) left = right(n)
-      call mark_fallen(march, left, k, whole)
-    else if (abs(h - whole) > 0.0_wp) then    ! no root falls: the whole step again
-      h = whole
+      call mark_fallen(march, left, k, full_step)
+    else if (abs(h - full_step) > 0.0_wp) then    ! no root falls: the full step again
+      h = full_step
       march%tried = target
       call march%try_step(system, h, ok)
     end if
@@ -151,13 +151,13 @@ contains
   end function ends_event
 
   !> Roots that have fallen where a step ends: root k, and those that fall with it but for rounding.
-  subroutine mark_fallen(march, at, k, whole)
+  subroutine mark_fallen(march, at, k, full_step)
     class(stepper), intent(inout) :: march
     type(root_values), intent(in) :: at
     integer, intent(in) :: k
-    real(wp), intent(in) :: whole             !! length of the step within which they fall [s]
+    real(wp), intent(in) :: full_step             !! length of the step within which they fall [s]
     associate (r => march%roots)
-      r%fallen = at%rate < 0.0_wp .and. at%g <= max(r%zero, -same_event*whole*at%rate)
+      r%fallen = at%rate < 0.0_wp .and. at%g <= max(r%zero, -same_event*full_step*at%rate)
       r%fallen(k) = .true.
       r%end = at
     end associate

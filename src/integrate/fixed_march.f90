@@ -59,18 +59,18 @@ contains
     integer(ip), intent(in) :: n              !! steps in the interval
     real(wp), intent(in) :: longest           !! that events allow [s]
     real(wp), intent(out) :: h, ends          !! [s]
-    real(wp) :: whole, tolerance              ! [s]
-    whole = (to - from)/real(n, wp)
+    real(wp) :: full_step, tolerance              ! [s]
+    full_step = (to - from)/real(n, wp)
     associate (g => self%grid)
       do
-        do while (whole/2**g%level > longest .and. g%level < most_levels)   ! again after each part that is passed over
+        do while (full_step/2**g%level > longest .and. g%level < most_levels)   ! again after each part that is passed over
           g%level = g%level + 1
           g%part = 2*g%part
         end do
-        h = whole/2**g%level
-        ends = from + (real(g%done, wp) + real(g%part + 1, wp)/2**g%level)*whole
+        h = full_step/2**g%level
+        ends = from + (real(g%done, wp) + real(g%part + 1, wp)/2**g%level)*full_step
         if (g%part + 1 == 2**g%level .and. g%done + 1 == n) ends = to
-        if (abs(self%t - (from + (real(g%done, wp) + real(g%part, wp)/2**g%level)*whole)) > 0.0_wp) then
+        if (abs(self%t - (from + (real(g%done, wp) + real(g%part, wp)/2**g%level)*full_step)) > 0.0_wp) then
           if (ends - self%t < joined*h) then
             call count_part(g, n)
             self%output_due = g%done == 0 .and. g%part == 0

@@ -107,9 +107,8 @@ contains
 
   !> Whether every value is finite and below `largest_value`, so that products of a few of them stay finite. All are tested, several
   !> at a time, which is faster than a search for the first that is not.
-  pure function is_bounded(y) result(yes)
+  pure logical function is_bounded(y) result(yes)
     real(wp), intent(in), contiguous :: y(:)  !! [any]
-    logical :: yes
     yes = count(abs(y) < largest_value) == size(y)
   end function is_bounded
 end module ode_system

@@ -76,12 +76,11 @@ contains
   !> Largest error of a derivative relative to the largest derivative of its group so far, in tolerances. The scale of a group is at
   !> least a millionth of the largest of the system. Rounding is allowed besides: the largest noise of any group, since joints pass
   !> it on, and that of the values, eps v, times h and the square of the fastest frequency.
-  function measure_slopes(self, e, dy, h, tolerance) result(worst)
+  real(wp) function measure_slopes(self, e, dy, h, tolerance) result(worst)   ! [-]
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: e(:), dy(:)       !! (n) errors of derivatives, derivatives at the end of the step [unit/s]
     real(wp), intent(in) :: h                 !! step [s]
     real(wp), intent(in) :: tolerance         !! [-]
-    real(wp) :: worst                         !! [-]
     real(wp), parameter :: rounding = 16*epsilon(1.0_wp), least = 1.0e-6_wp
     integer :: k
     self%scale = self%steepest
@@ -101,13 +100,12 @@ contains
   !> Largest |e| of any unknown over its group's scale, in tolerances: 1 is just allowed. y is the state at the end of the step.
   !> Known rounding of values and of rates is allowed besides: the largest of any group, since joints pass it on. Rates of internal
   !> variables follow small differences of large values: the rounding of their derivatives times h is allowed in their own group.
-  function measure(self, e, y, h, tolerance, rounding) result(worst)
+  real(wp) function measure(self, e, y, h, tolerance, rounding) result(worst)   ! [-]
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: tolerance         !! [-]
     real(wp), intent(in) :: e(:), y(:)        !! (n) error and state [unit of each unknown]
     real(wp), intent(in) :: h                 !! step [s]
     real(wp), intent(in), optional :: rounding(:)   !! (n) what of the error is rounding [unit of each unknown]
-    real(wp) :: worst                         !! [-]
     real(wp) :: value_digits, rate_digits     ! rounding of values, of rates, over their floors [-]
     integer :: k
     value_digits = 0.0_wp
@@ -157,11 +155,10 @@ contains
   end function out_of_bounds
 
   !> Next step after an accepted one of size h with error err (1: just the tolerance).
-  function accepted(self, h, err) result(next)
+  real(wp) function accepted(self, h, err) result(next)   ! [s]
     class(step_controller), intent(inout) :: self
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in) :: err               !! [-]
-    real(wp) :: next                          !! [s]
     real(wp) :: factor
     factor = err**(1.0_wp/self%order - 0.75_wp*integral)/self%last_error**integral
     factor = min(1.0_wp/most_shrink, max(1.0_wp/most_growth, factor/safety))
@@ -172,11 +169,10 @@ contains
   end function accepted
 
   !> Step to try after one of size h with an error above 1; err <= 0: the step was lost before its error was known.
-  function refused(self, h, err) result(next)
+  real(wp) function refused(self, h, err) result(next)   ! [s]
     class(step_controller), intent(inout) :: self
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in) :: err               !! [-]
-    real(wp) :: next                          !! [s]
     self%after_rejection = .true.
     next = most_shrink*h
     if (err > 0.0_wp) next = h/min(1.0_wp/most_shrink, err**(1.0_wp/self%order - 0.75_wp*integral)/safety)

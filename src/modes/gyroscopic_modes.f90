@@ -154,10 +154,9 @@ contains
   end subroutine correct_rigid_motions
 
   !> A rate above rounding and below the lowest frequency.
-  function shift_of_rigid_motions(ds, x) result(shift)
+  real(wp) function shift_of_rigid_motions(ds, x) result(shift)   ! [rad/s]
     type(stiffness_system), intent(in) :: ds
     real(wp), intent(in) :: x(:, :)                    !! (n, p) mass-orthonormal [1/sqrt(kg)]
-    real(wp) :: shift                                  !! [rad/s]
     real(wp) :: least, level, square                   ! [rad2/s2]
     integer :: j
     least = huge(1.0_wp)

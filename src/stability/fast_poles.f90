@@ -31,10 +31,10 @@ module fast_poles
 contains
 
   !> The poles, after an iteration of `fast` for the stiffness.
-  subroutine find_fast_poles(m, ev, held, fast, poles, ok)
+  subroutine find_fast_poles(m, ev, with_joints, fast, poles, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: held                    !! joints and drives held
+    logical, intent(in) :: with_joints                    !! joints and drives act
     type(fast_spectrum), intent(inout) :: fast
     type(pole_list), intent(out) :: poles
     logical, intent(out) :: ok                     !! false: too many sets of terms take part in each motion
@@ -43,7 +43,7 @@ contains
     integer, allocatable :: group(:)
     integer :: p
     allocate (poles%lambda(0))
-    call find_motions(m, ev, held, fast, x)
+    call find_motions(m, ev, with_joints, fast, x)
     call sets_of_terms(m, ev, fast, x, model, group)
     do p = size(x, 2), 1, -1
       if (unknowns(fast, model, group, p) <= most_unknowns) exit
@@ -51,7 +51,7 @@ contains
     ok = p >= min(least_motions, size(x, 2)) .and. p > 0
     if (.not. ok) return
     call project(m, ev, fast, group, x(:, 1:p), model)
-    if (held) call close_loops(m, ev, model)
+    if (with_joints) call close_loops(m, ev, model)
     call model%find_scale()
     model%scale = max(model%scale, slowest_part*maxval(model%scale))
     call solve(model, poles, ok)
@@ -93,10 +93,10 @@ contains
   end subroutine sets_of_terms
 
   !> A basis of the fastest motions, orthonormal in the mass.
-  subroutine find_motions(m, ev, held, fast, x)
+  subroutine find_motions(m, ev, with_joints, fast, x)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: held
+    logical, intent(in) :: with_joints
     type(fast_spectrum), intent(inout) :: fast
     real(wp), allocatable, intent(out) :: x(:, :)  !! (n, motions) [1/sqrt(kg)]
     real(wp), allocatable :: mx(:, :)              ! mass times them
@@ -106,11 +106,11 @@ contains
     allocate (x(m%s%nq, widest), mx(m%s%nq, widest))
     p = 0
     if (fast%damped) then
-      call fast%largest(m, ev, held, only_damping, 100, lambda)
+      call fast%largest(m, ev, with_joints, only_damping, 100, lambda)
       call append_fastest(min(most_damped, fast%steps))
-      call fast%largest(m, ev, held, only_stiffness, 100, lambda)
+      call fast%largest(m, ev, with_joints, only_stiffness, 100, lambda)
     end if
-    if (held) call append_loops()
+    if (with_joints) call append_loops()
     if (fast%steps > 0) call append_fastest(min(widest - p, count(fast%e(1:fast%steps) >= slow_part*fast%e(fast%steps))))
     x = x(:, 1:p)
   contains
@@ -132,7 +132,7 @@ contains
         v = mv
         call argument_motions(m, ev, i, mv(:, 1), mv(:, 2))
         do side = 1, 2
-          call solve_mass(m, ev, held, mv(:, side), v(:, side))
+          call solve_mass(m, ev, with_joints, mv(:, side), v(:, side))
           length = sqrt(max(dot_product(v(:, side), mv(:, side)), tiny(1.0_wp)))
           v(:, side) = v(:, side)/length
           mv(:, side) = mv(:, side)/length

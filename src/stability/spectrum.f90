@@ -1,5 +1,5 @@
 !> The fast end of the mechanism's spectrum, by Lanczos iterations in the mass inner product with the structured solves of
-!> `mass_solve`: joints released or held at the present configuration. The stiffness is the instantaneous one,
+!> `mass_solve`: with or without joints, at the present configuration. The stiffness is the instantaneous one,
 !> E_R (1 + sum of alpha), of bodies and springs. Unknowns as in `linearisation`.
 module spectrum
   use kinds, only: wp
@@ -109,13 +109,13 @@ contains
     end do
   end subroutine take_present_springs
 
-  !> Largest eigenvalue of (p C + q K) x = lambda M x by at most `most` Lanczos steps; joints held or released. m holds an
+  !> Largest eigenvalue of (p C + q K) x = lambda M x by at most `most` Lanczos steps; with or without joints. m holds an
   !> evaluation at the present configuration. Where asked K is the static stiffness of one segment's material or spring alone.
-  subroutine largest(self, m, ev, held, mix, most, lambda, segment)
+  subroutine largest(self, m, ev, with_joints, mix, most, lambda, segment)
     class(fast_spectrum), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: held              !! joints and drives held
+    logical, intent(in) :: with_joints              !! joints and drives act
     real(wp), intent(in) :: mix(2)           !! p and q: [s], [s2], or [-] with one of them zero
     integer, intent(in) :: most              !! Lanczos steps
     real(wp), intent(out) :: lambda          !! [-], or with p or q alone [1/s], [rad2/s2]
@@ -129,7 +129,7 @@ contains
     self%steps = 0
     self%w(:, 0) = 0.0_wp
     self%r = self%start
-    call solve_mass(m, ev, held, self%r, self%u)
+    call solve_mass(m, ev, with_joints, self%r, self%u)
     b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
     if (b <= tiny(1.0_wp)) return
     self%v(:, 1) = self%u/b
@@ -144,7 +144,7 @@ contains
       self%alpha(j) = dot_product(self%v(:, j), self%r)
       self%r = self%r - self%alpha(j)*self%w(:, j) - self%beta(j - 1)*self%w(:, j - 1)
       call remove_earlier(size(self%r), j, self%v, self%w(:, 1:), self%r)
-      call solve_mass(m, ev, held, self%r, self%u)
+      call solve_mass(m, ev, with_joints, self%r, self%u)
       b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
       self%steps = j
       self%beta(j) = b

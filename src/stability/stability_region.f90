@@ -39,11 +39,10 @@ contains
 
   !> Smallest h > 0 beyond which |R(h mu)| > 1 [s]; huge where no step is too large (mu = 0 or growing by itself), or none
   !> below `limit`; also for the lower one of two conjugate eigenvalues: the upper one has the same bound.
-  pure function largest_step(method, mu, limit) result(h)
+  pure real(wp) function largest_step(method, mu, limit) result(h)   ! [s]
     integer, intent(in) :: method          !! number in method_names
     complex(wp), intent(in) :: mu          !! eigenvalue [1/s]
     real(wp), intent(in) :: limit          !! larger steps are of no interest [s]
-    real(wp) :: h                          !! [s]
     real(wp) :: c(12), low, high, x, farthest     ! along the ray [-]
     integer :: k
     h = huge(1.0_wp)

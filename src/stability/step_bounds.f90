@@ -39,11 +39,11 @@ contains
     end do
   end subroutine take_smaller
 
-  !> Bound at an evaluated state of a mechanism, joints held or released.
-  subroutine find_bound(m, ev, held, fast, bound)
+  !> Bound at an evaluated state of a mechanism, with or without joints.
+  subroutine find_bound(m, ev, with_joints, fast, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: held
+    logical, intent(in) :: with_joints
     type(fast_spectrum), intent(inout) :: fast !! set up
     type(step_bound), intent(out) :: bound
     type(fast_mode) :: f
@@ -52,11 +52,11 @@ contains
     real(wp) :: fastest                        ! [rad2/s2]
     integer :: k
     logical :: damped
-    if (held) call fast%take_present_springs(m, ev)
-    call fast%largest(m, ev, held, only_stiffness, 100, fastest)
-    damped = fast%damped .or. size(fast%lin%segments) > 0 .or. (held .and. fast%loops)
+    if (with_joints) call fast%take_present_springs(m, ev)
+    call fast%largest(m, ev, with_joints, only_stiffness, 100, fastest)
+    damped = fast%damped .or. size(fast%lin%segments) > 0 .or. (with_joints .and. fast%loops)
     if (damped) then
-      call find_fast_poles(m, ev, held, fast, poles, damped)
+      call find_fast_poles(m, ev, with_joints, fast, poles, damped)
       do k = 1, merge(size(poles%lambda), 0, damped)
         call add_pole_bound(m, ev, fast, poles%lambda(k), poles%x(:, k), bound)
       end do
@@ -67,7 +67,7 @@ contains
       call mode_cause(m, f, cause)
       call add_mode_bound(m, fast, f, cause, bound)
     end do
-    call material_poles(m, ev, held, fast, fastest, bound)
+    call material_poles(m, ev, with_joints, fast, fastest, bound)
   end subroutine find_bound
 
   !> One pole of the mechanism with its motion, where it lowers a bound.
@@ -127,10 +127,9 @@ contains
   end function damping_limits
 
   !> Largest step of a method that all of the roots allow [s]; huge where none bounds it.
-  pure function step_of(method, roots) result(h)
+  pure real(wp) function step_of(method, roots) result(h)   ! [s]
     integer, intent(in) :: method              !! number in method_names
     complex(wp), intent(in) :: roots(:)        !! [1/s]
-    real(wp) :: h                              !! [s]
     integer :: i
     h = huge(1.0_wp)
     do i = 1, size(roots)
@@ -160,10 +159,10 @@ contains
   !> - the terms' own poles, which those of slow modes approach;
   !> - the poles of the fastest motion that this material or spring alone holds. They are computed only where they can set the
   !>   bound, since that motion is slower than the fastest of the mechanism.
-  subroutine material_poles(m, ev, held, fast, fastest, bound)
+  subroutine material_poles(m, ev, with_joints, fast, fastest, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: held
+    logical, intent(in) :: with_joints
     type(fast_spectrum), intent(inout) :: fast
     real(wp), intent(in) :: fastest            !! largest squared frequency, instantaneous stiffness [rad2/s2]
     type(step_bound), intent(inout) :: bound
@@ -186,7 +185,7 @@ contains
       if (i < 1) k = minloc(least(1 - i, :), 1)
       if (k == 0) cycle
       if (all(least(:, k) >= bound%step)) cycle
-      call fast%largest(m, ev, held, only_stiffness, 100, lambda, firsts(k))
+      call fast%largest(m, ev, with_joints, only_stiffness, 100, lambda, firsts(k))
       least(:, k) = huge(1.0_wp)
       if (.not. lambda > 0.0_wp) cycle
       call term_poles(fast%lin%segments(firsts(k)), lambda, roots)

@@ -134,11 +134,10 @@ contains
 
   !> Frequency of a flexible body's elastic motion, from the mean squares of rates and accelerations; 0 where only rounding moves,
   !> as in an equilibrium.
-  pure function elastic_frequency(self, m, b) result(moving)
+  pure real(wp) function elastic_frequency(self, m, b) result(moving)   ! [rad/s]
     class(validity_watch), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: b                         !! index of the body
-    real(wp) :: moving                               !! [rad/s]
     real(wp) :: bent                                 ! [m]
     associate (body => m%s%bodies(b), f => self%figures(:, b))
       bent = max(f(deflection), f(rotation)*body%length)

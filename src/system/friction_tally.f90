@@ -15,7 +15,7 @@ module friction_tally
     integer(ip) :: turns = 0                  !! it went on the other way
     real(wp) :: first = 0.0_wp, last = 0.0_wp !! times of the first and the last one [s]
     real(wp) :: slid = 0.0_wp                 !! to and fro until the last event of any element [m] or [rad]
-    real(wp) :: place = 0.0_wp                !! where it was then [m] or [rad]
+    real(wp) :: position = 0.0_wp             !! where it was then [m] or [rad]
     real(wp) :: rest = 0.0_wp                 !! time at rest [s]
     real(wp) :: share = 0.0_wp                !! largest one of the limit at rest [-]
     logical :: undetermined = .false.         !! its present share is not determined by rigid bodies
@@ -23,7 +23,7 @@ module friction_tally
   contains
     procedure :: note_event
     procedure :: note_rest
-    procedure :: note_place
+    procedure :: note_position
   end type joint_tally
 
 contains
@@ -65,12 +65,12 @@ contains
   end subroutine note_rest
 
   !> Where it is at an event: between two of them it slides one way, or not at all.
-  pure subroutine note_place(self, place)
+  pure subroutine note_position(self, position)
     class(joint_tally), intent(inout) :: self
-    real(wp), intent(in) :: place             !! [m] or [rad]
-    self%slid = self%slid + abs(place - self%place)
-    self%place = place
-  end subroutine note_place
+    real(wp), intent(in) :: position          !! [m] or [rad]
+    self%slid = self%slid + abs(position - self%position)
+    self%position = position
+  end subroutine note_position
 
   !> Saves or restores all of them.
   subroutine exchange_friction(list, a)
@@ -85,7 +85,7 @@ contains
         call a%exchange(x%first)
         call a%exchange(x%last)
         call a%exchange(x%slid)
-        call a%exchange(x%place)
+        call a%exchange(x%position)
         call a%exchange(x%rest)
         call a%exchange(x%share)
         call a%exchange(x%undetermined)

@@ -205,7 +205,8 @@ contains
       end if
       call fill_band(s%n, s%kd, s%s, w%ab)
       if (s%singular) w%ab(2*s%kd + 1, :) = w%ab(2*s%kd + 1, :) + s%mean_shift()
-      if (c%held > 0) call add_friction(c%held, c%place, c%off, s%s(0, s%n + 1), w%law_of, w%column, w%weighed, s%n, s%kd, w%ab)
+      if (c%holding > 0) call add_friction(c%holding, c%place, c%off, s%s(0, s%n + 1), w%law_of, w%column, w%weighed, s%n, s%kd, &
+                                           w%ab)
       call factor_lu(s%n, s%kd, w%ab, w%pivots, w%upper, bad)
       ok = .not. bad
     end associate

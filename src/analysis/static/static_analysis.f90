@@ -10,7 +10,7 @@ module static_analysis
   use evaluation_settings, only: evaluation_options
   use linear_state, only: linear_system_with, evaluate_state, refuse_uneven
   use linear_matrices, only: linear_mechanism
-  use force_element, only: by_position, element_action, held, stage_static
+  use force_element, only: bilateral, by_position, element_action, stage_static
   use impacts, only: close_entered
   use natural_modes, only: lowest_natural_modes, rounding_level
   use scene_run, only: run_state, no_output, stop_if_signalled
@@ -33,7 +33,7 @@ contains
     type(run_state), intent(inout) :: run
     type(failure), intent(inout) :: fail
     character(:), allocatable :: names
-    names = names_of(run, free_bodies(run, held))
+    names = names_of(run, free_bodies(run, bilateral))
     if (len(names) == 0) return
     names = names//'; expected joints, drives, springs or elastic bodies that hold every body by more than rounding'
     if (allocated(run%sys%ev%rows%off)) names = names//' (friction of joints does not act in static analyses)'
@@ -52,10 +52,10 @@ contains
     end do
   end function names_of
 
-  !> The bodies that can move without any stiffness, with stops held or as they stand.
+  !> The bodies that can move without any stiffness, with stops that act both ways, or as they are.
   function free_bodies(run, stops) result(free)
     type(run_state), intent(inout) :: run
-    integer, intent(in) :: stops             !! `held` or `by_position`
+    integer, intent(in) :: stops             !! `bilateral` or `by_position`
     logical, allocatable :: free(:)
     type(evaluation_options) :: unloaded
     type(element_action), allocatable :: action(:)
@@ -126,7 +126,7 @@ contains
     type(equilibrium_report) :: report
     type(evaluation_options) :: part                 ! of the loads
     type(validity_watch) :: watch
-    logical :: loose(size(run%sys%m%s%bodies))       ! held by stops alone
+    logical :: loose(size(run%sys%m%s%bodies))       ! supported by stops alone
     integer :: k, steps, nq
     nq = run%sys%m%s%nq
     loose = .false.

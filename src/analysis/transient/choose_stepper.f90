@@ -18,9 +18,8 @@ module choose_stepper
 contains
 
   !> Order of a method, which decides where its steps have to end.
-  pure function method_order(method) result(order)
+  pure integer function method_order(method) result(order)
     character(*), intent(in) :: method         !! the deck's word
-    integer :: order
     type(tableau) :: explicit
     explicit = method_tableau(method)
     order = explicit%order

@@ -109,9 +109,8 @@ contains
   end subroutine group_body
 
   !> Number of a body's group of values.
-  pure function number(b, kind) result(group)
+  pure integer function number(b, kind) result(group)
     integer, intent(in) :: b, kind
-    integer :: group
     group = 2*kinds_of_group*(b - 1) + 2*kind - 1
   end function number
 

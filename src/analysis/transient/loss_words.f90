@@ -37,7 +37,7 @@ contains
     associate (m => run%sys%m, x => run%sys%friction(i))
       associate (row => m%s%constraints(m%s%permanent + i)%item)
         lost = run%y(2*m%s%nq + m%s%nz + m%s%nzd + 2 + row%switch_number)
-        slid = x%slid + abs(run%sys%position_of(i) - x%place)
+        slid = x%slid + abs(run%sys%position_of(i) - x%position)
         call text%open('', '{')
         call text%member('name', json_text(trim(row%name)))
         call text%figure('  friction of joint "'//trim(row%name)//'": slid ', 'slid', slid, 4)

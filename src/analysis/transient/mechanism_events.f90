@@ -75,7 +75,7 @@ contains
     call self%hold_friction(y)
     call limit_steps_at_rest(self)
     do k = 1, size(self%friction)
-      self%friction(k)%place = self%position_of(k)
+      self%friction(k)%position = self%position_of(k)
     end do
     call find_undetermined(self%m, self%ev, self%friction%undetermined)
   end subroutine start_switching
@@ -296,7 +296,7 @@ contains
       end associate
     end do
     do k = 1, size(self%friction)
-      call self%friction(k)%note_place(self%position_of(k))
+      call self%friction(k)%note_position(self%position_of(k))
     end do
     call find_undetermined(self%m, self%ev, self%friction%undetermined)
     call check_friction(self, ok)

@@ -59,9 +59,8 @@ module step_monitor
 contains
 
   !> Number of an explicit method, 0: not one.
-  pure function method_number(method) result(k)
+  pure integer function method_number(method) result(k)
     character(*), intent(in) :: method
-    integer :: k
     do k = size(method_names), 1, -1
       if (method_names(k) == method) return
     end do

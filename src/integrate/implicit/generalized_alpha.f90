@@ -31,8 +31,7 @@ module generalized_alpha
     real(wp) :: qa1 = 0.0_wp            !! h2 beta [s2]
     real(wp) :: va = 0.0_wp             !! h (1 - gamma) [s]
     real(wp) :: va1 = 0.0_wp            !! h gamma [s]
-    real(wp) :: ad1 = 0.0_wp            !! a1 = ad1 v1' + ad v' + aa a [-]
-    real(wp) :: ad = 0.0_wp             !! [-]
+    real(wp) :: ad1 = 0.0_wp            !! a1 = ad1 v1' + (1 - ad1 - aa) v' + aa a [-]
     real(wp) :: aa = 0.0_wp             !! [-]
   end type alpha_step
 
@@ -62,7 +61,6 @@ contains
     s%va = h*(1 - m%gamma)
     s%va1 = h*m%gamma
     s%ad1 = (1 - m%alpha_f)/(1 - m%alpha_m)
-    s%ad = m%alpha_f/(1 - m%alpha_m)
     s%aa = -m%alpha_m/(1 - m%alpha_m)
     s%c1 = (1 - m%alpha_m)/(1 - m%alpha_f)/s%qa1
     s%c2 = s%va1/s%qa1

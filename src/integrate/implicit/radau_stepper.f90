@@ -151,11 +151,10 @@ contains
 
   !> Step that estimated errors ask for after one of size h. A new step means new matrices, and errors of a vibration come and go
   !> with its phase: a step grows where the worst error of several steps allows it, or at once where it may grow by much.
-  function next_step(self, h, error) result(next)
+  real(wp) function next_step(self, h, error) result(next)   ! [s]
     class(radau_march), intent(inout) :: self
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in) :: error             !! its estimated error over what is allowed, huge: Newton's method failed [-]
-    real(wp) :: next                          !! [s]
     real(wp) :: factor                        ! [-]
     associate (m => self%memory)
       m%worst = max(m%worst, merge(error, failure_error, error < huge(1.0_wp)))

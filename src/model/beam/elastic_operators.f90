@@ -113,11 +113,10 @@ contains
   end subroutine mass_product
 
   !> x^T A y, A given by its entries on a pattern; allocates nothing.
-  pure function bilinear(pattern, a, x, y) result(total)
+  pure real(wp) function bilinear(pattern, a, x, y) result(total)   ! [any]
     type(symmetric_pattern), intent(in) :: pattern
     real(wp), intent(in) :: a(:)                   !! (entries) [any]
     real(wp), intent(in) :: x(:), y(:)             !! (n) [any]
-    real(wp) :: total                              !! [any]
     real(wp) :: s
     integer :: i, k
     total = 0.0_wp

@@ -145,13 +145,12 @@ module body
     end function to_parts
 
     !> Largest elastic force: axial forces and end moments over length, or modal forces.
-    pure function to_largest(self, b, d, q) result(force)
+    pure real(wp) function to_largest(self, b, d, q) result(force)   ! [N]
       import :: elastic_basis, body_model, wp
       class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
       real(wp), intent(in), contiguous :: d(:, :)     !! [m, rad]
       real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
-      real(wp) :: force                               !! [N]
     end function to_largest
 
     !> Deformations of an element with the terms' differences: elongation, end rotations against the chord.
@@ -241,12 +240,11 @@ contains
   end function shares_nothing
 
   !> turned . (elastic forces that deformations ask for), see `shape_integrals`: none in modes, whose coordinates do not turn.
-  pure function no_moment(self, b, d, ds, q) result(moment)
+  pure real(wp) function no_moment(self, b, d, ds, q) result(moment)   ! [N m]
     class(elastic_basis), intent(in) :: self
     type(body_model), intent(in) :: b
     real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! deformations, and with the terms' differences [m, rad]
     real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
-    real(wp) :: moment                              !! [N m]
     moment = 0.0_wp
   end function no_moment
 

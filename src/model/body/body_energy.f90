@@ -10,12 +10,11 @@ module body_energy
 contains
 
   !> Kinetic energy of a body from its frame's state and its elastic coordinates.
-  function kinetic_energy(b, c, s, v, qf, vf) result(energy)
+  real(wp) function kinetic_energy(b, c, s, v, qf, vf) result(energy)   ! [J]
     type(body_model), intent(in) :: b
     real(wp), intent(in) :: c, s              !! of the frame angle [-]
     real(wp), intent(in) :: v(3)              !! frame rates: global x, y [m/s] and angle [rad/s]
     real(wp), intent(in) :: qf(:), vf(:)      !! (nf) elastic coordinates and rates [m, rad] and per second
-    real(wp) :: energy                        !! [J]
     real(wp) :: p(2), w(2), mtt, cross
     w(1) = c*v(1) + s*v(2)                    ! velocity of the origin in body axes
     w(2) = c*v(2) - s*v(1)
@@ -34,12 +33,11 @@ contains
   end function kinetic_energy
 
   !> Strain energy with what viscoelastic terms store [J].
-  function strain_energy(b, w, qf, z, zd) result(energy)
+  real(wp) function strain_energy(b, w, qf, z, zd) result(energy)   ! [J]
     type(body_model), intent(in) :: b
     type(elastic_work), intent(in) :: w       !! of an evaluation of this state
     real(wp), intent(in) :: qf(:)             !! (nf) [m, rad]
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz), (nzd) internal variables of the scene [m, rad] and per second
-    real(wp) :: energy                        !! [J]
     integer :: r
     energy = 0.0_wp
     if (.not. b%flexible) return

@@ -66,12 +66,11 @@ contains
   end function strain_parts
 
   !> The largest elastic force: modal forces times the square root of the mass.
-  pure function largest_force(self, b, d, q) result(force)
+  pure real(wp) function largest_force(self, b, d, q) result(force)   ! [N]
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     real(wp), intent(in), contiguous :: d(:, :)     !! (nf, segments) [kg^.5 m]
     real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
-    real(wp) :: force                               !! [N]
     force = maxval(abs(self%omega2*q))*sqrt(b%mass)
   end function largest_force
 

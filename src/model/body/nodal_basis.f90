@@ -140,12 +140,11 @@ contains
 
   !> turned . (elastic forces that deformations ask for). No element resists a turn of the undeformed body, but for the one of its
   !> chord where its axial force acts along that; so the sum is less what elements exert on the rest of a turn.
-  pure function turned_moment(self, b, d, ds, q) result(moment)
+  pure real(wp) function turned_moment(self, b, d, ds, q) result(moment)   ! [N m]
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! (nd, ne) deformations, and with terms' differences [m, rad, rad]
     real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
-    real(wp) :: moment                              !! [N m]
     real(wp) :: a(6)
     integer :: e, k
     moment = 0.0_wp
@@ -259,12 +258,11 @@ contains
   end function energies
 
   !> Axial forces and end moments over length.
-  pure function largest_force(self, b, d, q) result(force)
+  pure real(wp) function largest_force(self, b, d, q) result(force)   ! [N]
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     real(wp), intent(in), contiguous :: d(:, :)     !! (nd, ne) [m, rad, rad]
     real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
-    real(wp) :: force                               !! [N]
     real(wp) :: s(4)
     integer :: e
     force = 0.0_wp

@@ -21,11 +21,10 @@ module segment_model
 contains
 
   !> x^T D y [J].
-  pure function segment_product(self, n, x, y) result(total)
+  pure real(wp) function segment_product(self, n, x, y) result(total)   ! [J]
     class(viscoelastic_segment), intent(in) :: self
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n), y(n)        !! deformations, internal variables or their rates [m, rad, ...]
-    real(wp) :: total                         !! [J]
     if (allocated(self%stiffness)) then
       total = of_modes(n, self%stiffness, x, y)
     else if (size(self%ea_l) > 0) then
@@ -56,11 +55,10 @@ contains
   end function strain_product
 
   !> x^T D y of modal amplitudes.
-  pure function of_modes(n, stiffness, x, y) result(total)
+  pure real(wp) function of_modes(n, stiffness, x, y) result(total)   ! [J]
     integer, intent(in) :: n
     real(wp), intent(in) :: stiffness(n, n)   !! [rad2/s2]
     real(wp), intent(in) :: x(n), y(n)        !! [m kg^1/2]
-    real(wp) :: total                         !! [J]
     integer :: j
     total = 0.0_wp
     do j = 1, n

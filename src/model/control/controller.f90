@@ -35,7 +35,7 @@ module controller
     real(wp) :: delay = 0.0_wp                !! of what it senses [s]
     integer :: states = 0                     !! first those of the delay
     integer :: first = 0                      !! they stand behind so many of the scene's internal variables
-    integer :: smooth = 0, integral = 0, held = 0   !! numbers of states: filter, integral, sampled output; 0: none
+    integer :: smooth = 0, integral = 0, sampled = 0   !! numbers of states: filter, integral, sampled output; 0: none
     real(wp), allocatable :: rates(:, :, :)   !! (states, states + 5, -1:1) of free ones and at a limit [any/s]
     real(wp), allocatable :: output(:, :)     !! (states + 5, -1:1) [any]
     real(wp), allocatable :: wish(:)          !! (states + 5) output without limits [any]
@@ -70,7 +70,7 @@ contains
     n = merge(order, 0, self%delay > 0.0_wp)
     call number_state(self%filter > 0.0_wp .and. abs(self%kd) > 0.0_wp, self%smooth)
     call number_state(abs(self%ki) > 0.0_wp, self%integral)
-    call number_state(self%sample > 0.0_wp, self%held)
+    call number_state(self%sample > 0.0_wp, self%sampled)
     self%states = n
     allocate (self%rates(n, n + control_parts, -1:1), source=0.0_wp)
     allocate (self%output(n + control_parts, -1:1), source=0.0_wp)
@@ -98,8 +98,8 @@ contains
     end if
     self%output(:, 0) = self%wish
     if (self%sample > 0.0_wp) then
-      self%rates(n - count([self%smooth, self%integral, self%held] > 0) + 1:, :, :) = 0.0_wp
-      self%output(:, 0) = unit(self%held)
+      self%rates(n - count([self%smooth, self%integral, self%sampled] > 0) + 1:, :, :) = 0.0_wp
+      self%output(:, 0) = unit(self%sampled)
     end if
     do side = -1, 1, 2
       self%rates(:, :, side) = self%rates(:, :, 0)
@@ -246,13 +246,13 @@ contains
     w = self%inputs(p, self%next_sample(k), .false., x)
     wish = dot_product(self%wish, w)
     error = dot_product(self%error, w)
-    associate (h => self%sample, held => min(max(wish, self%lower), self%upper))
+    associate (h => self%sample, limited => min(max(wish, self%lower), self%upper))
       if (self%smooth > 0) x(self%smooth) = (self%filter*x(self%smooth) + h*error)/(self%filter + h)
       if (self%integral > 0) then
         x(self%integral) = x(self%integral) + h*self%ki*error
-        if (self%windup_time > 0.0_wp) x(self%integral) = x(self%integral) + h*(held - wish)/self%windup_time
+        if (self%windup_time > 0.0_wp) x(self%integral) = x(self%integral) + h*(limited - wish)/self%windup_time
       end if
-      x(self%held) = held
+      x(self%sampled) = limited
     end associate
   end subroutine take_sample
 
@@ -263,7 +263,7 @@ contains
     t = k*self%sample
   end function next_sample
 
-  !> Derivatives of the output by what it senses and by the rate of that, its states held.
+  !> Derivatives of the output by what it senses and by the rate of that, its states fixed.
   pure function slopes(self, limited) result(d)
     class(controller_model), intent(in) :: self
     integer, intent(in) :: limited            !! 1, -1: at a limit
@@ -316,7 +316,7 @@ contains
     integer, intent(in) :: k                  !! state
     real(wp), intent(in) :: change            !! [m] or [rad]
     size = change
-    if (any(k == [self%integral, self%held])) size = change*(abs(self%kp) + abs(self%ki) + abs(self%kd))   ! in a second
+    if (any(k == [self%integral, self%sampled])) size = change*(abs(self%kp) + abs(self%ki) + abs(self%kd))   ! in a second
   end function size_of
 
   !> Times at which its output is not smooth: a derivative without a filter follows the reference's slope.

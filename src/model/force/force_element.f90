@@ -15,7 +15,7 @@ module force_element
 
   integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
   integer, parameter, public :: idle = 0   !! discrete state in which an element does nothing: a stop that is open
-  integer, parameter, public :: held = huge(1)           !! linearised as though it acted both ways, wherever it is
+  integer, parameter, public :: bilateral = huge(1)   !! state in which it is linearised as though it acted both ways
 
   !> Values on which an element may depend beside the motion of its markers and its internal variables.
   type, public :: conditions
@@ -25,7 +25,7 @@ module force_element
     real(wp) :: load_factor = 1.0_wp      !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp        !! fraction of the springs' prestress that acts [-]
     real(wp) :: signal = 1.0_wp           !! output of the controller that it obeys [-]
-    real(wp) :: slopes(2) = 0.0_wp        !! its derivatives by what it senses and by the rate of that, its states held [-]
+    real(wp) :: slopes(2) = 0.0_wp        !! its derivatives by what it senses and by the rate of that, its states fixed [-]
     real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
     integer :: state = by_position        !! discrete state of an element that switches
     real(wp) :: memory = 0.0_wp           !! what it keeps from its last event: a stop the speed at touching [m/s] or [rad/s]
@@ -111,11 +111,10 @@ module force_element
 contains
 
   !> x k y of the static stiffness, which terms multiply; most elements have none [J].
-  pure function elastic_product(self, n, x, y) result(total)
+  pure real(wp) function elastic_product(self, n, x, y) result(total)   ! [J]
     class(force_model), intent(in) :: self
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n), y(n)      !! [m] or [rad]
-    real(wp) :: total                       !! [J]
     total = self%stiffness*x(1)*y(1)
   end function elastic_product
 

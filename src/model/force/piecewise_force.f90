@@ -3,7 +3,7 @@
 !> from its last event is a point of the present piece.
 module piecewise_force
   use kinds, only: wp
-  use force_element, only: by_position, conditions, force_model, held, root_rounding, stage_static, watched_roots
+  use force_element, only: by_position, bilateral, conditions, force_model, root_rounding, stage_static, watched_roots
   use history, only: history_model
   use history_pieces, only: first_piece, piece_beyond, piece_ends, piece_value
   use marker, only: marker_states
@@ -52,7 +52,7 @@ contains
     real(wp), intent(in) :: x              !! [any]
     real(wp) :: h(0:2)                     !! [unit, unit/any, unit/any2]
     real(wp) :: f(-1:2)
-    if (any(with%state == [by_position, held])) then
+    if (any(with%state == [by_position, bilateral])) then
       call self%history%evaluate(x, .false., f)
       h = f(0:)
     else

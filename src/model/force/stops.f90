@@ -15,7 +15,7 @@
 module stops
   use kinds, only: wp, pi
   use constraint, only: marker_stiffness
-  use force_element, only: force_model, conditions, element_action, watched_roots, by_position, held, root_rounding
+  use force_element, only: force_model, conditions, element_action, watched_roots, bilateral, by_position, root_rounding
   use marker, only: marker_states
   use small_matrices, only: outer
   use text, only: to_text
@@ -143,7 +143,7 @@ contains
     integer :: side
     call self%measure(p, x, xd, c%g)
     side = merge(1, -1, x - self%upper >= self%lower - x)
-    if (all(with%state /= [by_position, held, stop_open])) side = sign(1, with%state)
+    if (all(with%state /= [by_position, bilateral, stop_open])) side = sign(1, with%state)
     c%depth = x - self%upper
     if (side < 0) c%depth = self%lower - x
     c%depth = c%depth - (1 - with%prestress)*max(side*self%assembled, 0.0_wp)
@@ -155,7 +155,7 @@ contains
       c%state = side*merge(stop_touching, stop_let_go, pressing >= 0.0_wp)
       if (c%depth <= 0.0_wp) c%state = stop_open
     end if
-    if (c%state == held) c%state = stop_open
+    if (c%state == bilateral) c%state = stop_open
     if (c%state == stop_open) return
     c%side = side
     c%elastic = self%hardness*max(c%depth, 0.0_wp)**self%exponent
@@ -267,7 +267,7 @@ contains
     k%c = 0.0_wp
     if (with%state == stop_open) return
     call self%contact(p, with, c)
-    if (with%state == held) then
+    if (with%state == bilateral) then
       k%k = self%stiffness_at(self%example())*outer(c%g, c%g)
       turning = [-c%g(2), c%g(1), 0.0_wp, -c%g(5), c%g(4), 0.0_wp]     ! across its direction
       if (self%in_all_directions()) k%k = k%k + self%stiffness_at(self%example())*outer(turning, turning)
@@ -326,7 +326,7 @@ contains
     self%assembled = c%side*c%depth
   end subroutine stop_settle
 
-  !> Limits that exclude the assembled position are told with all values.
+  !> Limits that exclude the assembled position are reported with all values.
   pure function starts_beyond(self, p) result(text)
     class(stop_model), intent(in) :: self
     type(marker_states), intent(in) :: p

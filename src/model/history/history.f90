@@ -180,10 +180,9 @@ contains
   end function rounding_of
 
   !> Whether time t has reached a breakpoint, within the rounding of times that are sums of steps.
-  pure function reached(t, at, left_limit) result(yes)
+  pure logical function reached(t, at, left_limit) result(yes)
     real(wp), intent(in) :: t, at       !! [s]
     logical, intent(in) :: left_limit   !! limit from below
-    logical :: yes
     yes = merge(t - at >= rounding_of(max(abs(t), abs(at))), at - t <= rounding_of(max(abs(t), abs(at))), left_limit)
   end function reached
 
@@ -202,10 +201,9 @@ contains
   end subroutine evaluate_shifted
 
   !> Order of the lowest derivative that differs between two sides of a breakpoint.
-  pure function breakpoint_order(before, after, size) result(order)
+  pure integer function breakpoint_order(before, after, size) result(order)
     real(wp), intent(in) :: before(0:2), after(0:2)   !! value and two derivatives [unit, unit/s, unit/s2]
     real(wp), intent(in) :: size(0:2)                 !! of them over the whole history [unit, unit/s, unit/s2]
-    integer :: order
     do order = 0, 2
       if (abs(after(order) - before(order)) > negligible*size(order)) return
     end do

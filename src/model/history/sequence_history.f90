@@ -10,7 +10,7 @@ module sequence_history
     type(history_box), allocatable :: parts(:)
     real(wp), allocatable :: begins(:)       !! times at which parts begin, and the end of the last [s]
     real(wp), allocatable :: area(:)         !! added to each part's antiderivative; the last: integral of all parts [unit s]
-    real(wp) :: held(2) = 0.0_wp             !! value before the first part and after the last one [unit]
+    real(wp) :: outside(2) = 0.0_wp          !! value before the first part and after the last one [unit]
   contains
     procedure :: set => set_sequence
     procedure :: evaluate => sequence_value
@@ -48,9 +48,9 @@ contains
       end associate
     end do
     size_of(1:2) = size_of(0)/minval(durations)**[1, 2]
-    self%held = [after(0, 1), before(0, n + 1)]
-    before(:, 1) = [0.0_wp, self%held(1), 0.0_wp, 0.0_wp]
-    after(:, n + 1) = [0.0_wp, self%held(2), 0.0_wp, 0.0_wp]
+    self%outside = [after(0, 1), before(0, n + 1)]
+    before(:, 1) = [0.0_wp, self%outside(1), 0.0_wp, 0.0_wp]
+    after(:, n + 1) = [0.0_wp, self%outside(2), 0.0_wp, 0.0_wp]
     if (periodic) before(:, 1) = before(:, n + 1)
     allocate (self%breaks(0))
     do k = 1, n + 1
@@ -91,9 +91,9 @@ contains
     integer :: k
     call self%locate(t, merge(-1, 1, left_limit)*rounding_of(t), turn, k, x)
     if (k < 1) then
-      h = self%held(1)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
+      h = self%outside(1)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
     else if (k > size(self%parts)) then
-      h = self%held(2)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
+      h = self%outside(2)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
       h(-1) = h(-1) + self%area(k)
     else
       call evaluate_shifted(self%parts(k)%item, x, 2*rounding_of(t), left_limit, h)

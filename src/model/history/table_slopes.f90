@@ -123,19 +123,17 @@ contains
   end subroutine monotone_slopes
 
   !> Slope at a point between two pieces: a weighted harmonic mean of the chords, 0 at a turning point.
-  pure function between(w1, w2, c1, c2) result(d)
+  pure real(wp) function between(w1, w2, c1, c2) result(d)   ! [unit/s]
     real(wp), intent(in) :: w1, w2           !! lengths of the pieces [s]
     real(wp), intent(in) :: c1, c2           !! slopes of their chords [unit/s]
-    real(wp) :: d                            !! [unit/s]
     d = 0.0_wp
     if (min(c1, c2) > 0.0_wp .or. max(c1, c2) < 0.0_wp) d = 3*(w1 + w2)/((2*w2 + w1)/c1 + (w2 + 2*w1)/c2)
   end function between
 
   !> Slope at an end: that of the parabola through three points, as far as the curve stays monotone.
-  pure function at_end(w1, w2, c1, c2) result(d)
+  pure real(wp) function at_end(w1, w2, c1, c2) result(d)   ! [unit/s]
     real(wp), intent(in) :: w1, w2           !! lengths of the first pieces from the end [s]
     real(wp), intent(in) :: c1, c2           !! slopes of their chords [unit/s]
-    real(wp) :: d                            !! [unit/s]
     d = ((2*w1 + w2)*c1 - w1*c2)/(w1 + w2)
     if (d*sign(1.0_wp, c1) <= 0.0_wp .or. .not. abs(c1) > 0.0_wp) then
       d = 0.0_wp

@@ -53,10 +53,9 @@ contains
   end subroutine rotation_row
 
   !> The angle of a minus that of b.
-  pure function angle_between(self, p) result(x)
+  pure real(wp) function angle_between(self, p) result(x)   ! [rad]
     class(rotation_model), intent(in) :: self
     type(marker_states), intent(in) :: p
-    real(wp) :: x   !! [rad]
     x = p%angle(self%ia) - p%angle(self%ib)
   end function angle_between
 

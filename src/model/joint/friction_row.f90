@@ -99,10 +99,9 @@ contains
   end subroutine friction_roots
 
   !> What the row measures.
-  pure function way(self, p) result(x)
+  pure real(wp) function way(self, p) result(x)   ! [m]
     class(friction_model), intent(in) :: self
     type(marker_states), intent(in) :: p
-    real(wp) :: x                         ! [m]
     if (self%angular) then
       x = self%size*(p%angle(self%ia) - p%angle(self%ib))
     else

@@ -107,10 +107,9 @@ contains
   end subroutine line_begin
 
   !> How far marker a lies from b along the direction.
-  pure function distance_along(self, p) result(x)
+  pure real(wp) function distance_along(self, p) result(x)   ! [m]
     class(line_model), intent(in) :: self
     type(marker_states), intent(in) :: p
-    real(wp) :: x   !! [m]
     real(wp) :: xd, g(6)   ! not asked for [m/s], [-]
     call place_along(p, self%ia, self%ib, self%direction, x, xd, g)
   end function distance_along

@@ -22,12 +22,11 @@ module internal_variables
 
   abstract interface
     !> x^T D y with the stiffness at E_R [J for x, y in m, rad].
-    pure function two_to_energy(self, n, x, y) result(total)
+    pure real(wp) function two_to_energy(self, n, x, y) result(total)   ! [J]
       import :: internal_state, wp
       class(internal_state), intent(in) :: self
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n), y(n)      !! deformations, internal variables or their rates [m, rad, ...]
-      real(wp) :: total                       !! [J]
     end function two_to_energy
   end interface
 

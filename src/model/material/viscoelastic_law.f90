@@ -92,7 +92,7 @@ contains
     end do
   end function slope
 
-  !> Poles of the terms themselves, those of z where the deformation is held: of each term the fast one, then of terms of
+  !> Poles of the terms themselves, those of z where the deformation is fixed: of each term the fast one, then of terms of
   !> second order the other one [1/s].
   pure function rates(self) result(poles)
     class(viscoelastic_terms), intent(in) :: self

@@ -115,11 +115,10 @@ contains
   end function element_coordinates
 
   !> E(s)/E_R - 1 of an element's material.
-  pure function element_ratio(body, e, s) result(g)
+  pure complex(wp) function element_ratio(body, e, s) result(g)   ! [-]
     type(body_model), intent(in) :: body
     integer, intent(in) :: e                  !! element
     complex(wp), intent(in) :: s              !! [1/s]
-    complex(wp) :: g                          !! [-]
     integer :: r
     g = 0.0_wp
     do r = 1, size(body%segments)

@@ -46,7 +46,7 @@ contains
         l(:, b) = [0.0_wp, -middle(2), middle(1)]
         dinv(:, b) = [1.0_wp, 1.0_wp, 1/radius**2]
         pairs = pairs + n*(n + 1)/2
-        if (.not. self%flexible(b) .or. ev%elastic_held) cycle
+        if (.not. self%flexible(b) .or. ev%elastic_fixed) cycle
         call add_elastic(self, ev, b, elastic_metric(self, b, self%attached(b), radius), pairs - n*(n + 1)/2)
       end do
       call add_frame_compliance(size(ev%frame%cos), at%first, at%sides, at%row, l, dinv, ev%side%rigid_wrench, ev%side%g, &

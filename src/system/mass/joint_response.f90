@@ -27,7 +27,7 @@ contains
       if (.not. self%flexible(b)) cycle
       i = self%s%qo(b)
       n = self%s%bodies(self%prototype(b))%nf
-      if (ev%elastic_held) then
+      if (ev%elastic_fixed) then
         a(i + 4:i + 3 + n) = 0.0_wp
         cycle
       end if

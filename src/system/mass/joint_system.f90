@@ -140,12 +140,12 @@ contains
   end subroutine add_angle_terms
 
   !> Unit-multiplier wrenches in body axes, condensed onto the frames, and S = Phi_q M^-1 Phi_q^T.
-  subroutine condense_constraints(self, ev, elastic_held)
+  subroutine condense_constraints(self, ev, elastic_fixed)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: elastic_held     !! elastic coordinates are fixed
+    logical, intent(in) :: elastic_fixed     !! elastic coordinates are fixed
     integer :: b, first, last, n, pairs
-    ev%elastic_held = elastic_held
+    ev%elastic_fixed = elastic_fixed
     if (allocated(ev%rows%off)) call ev%schur%hold(ev%rows%off)
     call ev%schur%clear()
     call unit_wrenches(size(self%incidence%row), self%incidence%row, self%incidence%marker, self%incidence%body, &
@@ -157,7 +157,7 @@ contains
       last = self%incidence%first(b + 1) - 1
       n = last - first + 1
       pairs = pairs + n*(n + 1)/2
-      if (n == 0 .or. .not. self%flexible(b) .or. elastic_held) cycle
+      if (n == 0 .or. .not. self%flexible(b) .or. elastic_fixed) cycle
       associate (at => self%attached(b), ey => ev%attached(b)%ey, prototype => self%attached(self%attached_prototype(b)))
         call condense_elastic(n, self%incidence%attachment(first:last), size(at%marker), prototype%ep, ey, &
                               ev%side%w(:, first:last), ev%side%frame_wrench(:, first:last))

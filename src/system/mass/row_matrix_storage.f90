@@ -17,7 +17,7 @@ module row_matrix_storage
 
   !> Entries of S between rows that are off and others.
   type :: row_couplings
-    integer :: held = 0                        !! how many of them are those of rows that hold, which come first
+    integer :: holding = 0                     !! how many of them are those of rows that hold, which come first
     integer, allocatable :: row(:)             !! one of both rows, that which holds where one does
     integer, allocatable :: place(:)           !! its place
     integer, allocatable :: off(:)             !! the other one
@@ -120,15 +120,15 @@ contains
       mixed = off(a) .neqv. off(b)
       self%kd = half_width(self%position, pack(a, holds), pack(b, holds))
       behind = (self%kd + 1)*self%n
-      c%held = count(mixed)
+      c%holding = count(mixed)
       c%row = [pack(merge(a, b, off(b)), mixed), pack(a, .not. (holds .or. mixed))]
       c%off = [pack(merge(b, a, off(b)), mixed), pack(b, .not. (holds .or. mixed))]
       c%place = self%position(c%row)
       a = self%position(a)
       b = self%position(b)
       place(pack(used, holds)) = pack(1 + abs(a - b) + (self%kd + 1)*(min(a, b) - 1), holds)
-      place(pack(used, mixed)) = behind + [(k, k=1, c%held)]
-      place(pack(used, .not. (holds .or. mixed))) = behind + [(k, k=c%held + 1, size(c%row))]
+      place(pack(used, mixed)) = behind + [(k, k=1, c%holding)]
+      place(pack(used, .not. (holds .or. mixed))) = behind + [(k, k=c%holding + 1, size(c%row))]
       self%entry = sign(place(abs(p%entry)), p%entry)
       c%diagonal = place(1 + (p%kd + 1)*(p%position - 1))
       if (allocated(self%s)) deallocate (self%s, self%f, self%x)
@@ -205,7 +205,7 @@ contains
     integer :: k
     self%r = lambda/self%scale
     self%best = 0.0_wp
-    if (size(self%coupled%row) > 0) call add_couplings(self%coupled%held, size(self%coupled%row), self%coupled%row, &
+    if (size(self%coupled%row) > 0) call add_couplings(self%coupled%holding, size(self%coupled%row), self%coupled%row, &
       self%coupled%off, self%s(0, self%n + 1), self%r, self%best)
     do k = 1, size(r)
       r(k) = merge(r(k) - self%best(k)/self%scale(k), 0.0_wp, self%off(k))
@@ -213,17 +213,17 @@ contains
   end subroutine motion_off
 
   !> y + S x of rows that are off: the first entries with rows that hold, the others with one another.
-  pure subroutine add_couplings(held, n, row, off, s, x, y)
-    integer, intent(in) :: held, n
+  pure subroutine add_couplings(holding, n, row, off, s, x, y)
+    integer, intent(in) :: holding, n
     integer, intent(in) :: row(n), off(n)
     real(wp), intent(in) :: s(n)              !! [1/kg]
     real(wp), intent(in) :: x(:)              !! (rows) [N]
     real(wp), intent(inout) :: y(:)           !! (rows) [m/s2]
     integer :: k
-    do k = 1, held
+    do k = 1, holding
       y(off(k)) = y(off(k)) + s(k)*x(row(k))
     end do
-    do k = held + 1, n
+    do k = holding + 1, n
       y(off(k)) = y(off(k)) + s(k)*x(row(k))
       if (row(k) /= off(k)) y(row(k)) = y(row(k)) + s(k)*x(off(k))
     end do
@@ -233,7 +233,7 @@ contains
   subroutine subtract_couplings(self)
     class(row_matrix), intent(inout) :: self
     associate (c => self%coupled)
-      if (c%held > 0) call subtract_entries(c%held, c%place, c%off, self%s(0, self%n + 1), self%r, self%x)
+      if (c%holding > 0) call subtract_entries(c%holding, c%place, c%off, self%s(0, self%n + 1), self%r, self%x)
     end associate
   end subroutine subtract_couplings
 
