@@ -29,7 +29,7 @@ module scene_run
   !> What analyses share.
   type :: run_state
     type(deck) :: d
-    type(mechanism_system) :: sys
+    class(mechanism_system), allocatable :: sys
     type(sensor_list) :: list
     type(assembly_report) :: assembly
     type(validity_watch) :: watch             !! figures of the run so far
@@ -95,9 +95,9 @@ contains
     type(scene), intent(in) :: s
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: q(:), v(:)       !! (nq) [m, rad] and per second
-    type(mechanism_system) :: sys
     type(sensor_list) :: list
-    run%sys = sys
+    if (allocated(run%sys)) deallocate (run%sys)
+    allocate (mechanism_system :: run%sys)
     run%list = list
     call assemble_scene(s, run%sys%m, run%sys%ev, q, run%assembly, fail, v)
     run%sys%n = s%ny

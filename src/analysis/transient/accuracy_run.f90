@@ -30,12 +30,12 @@ contains
     type(transient_march), intent(inout) :: march
     type(summary_record), intent(inout) :: text
     type(failure), intent(inout) :: fail
-    type(mechanism_system) :: start_system
+    class(mechanism_system), allocatable :: start_system
     type(transient_march) :: next
     real(wp), allocatable :: start_state(:)   ! [m, rad], [m/s, rad/s], [J]
     type(summary_record) :: so_far
     logical :: ok
-    start_system = run%sys
+    allocate (start_system, source=run%sys)
     start_state = run%y
     associate (r => run%d%transient)
       call march%search%begin(run%d, run%stable_steps, size(compared_names(run)), &
@@ -58,7 +58,8 @@ contains
       next%search = march%search
       next%restarts = march%restarts
       march = next
-      run%sys = start_system
+      deallocate (run%sys)
+      allocate (run%sys, source=start_system)
       run%y = start_state
       run%monitor = stability_monitor()
       run%restart = .false.

@@ -28,7 +28,7 @@ module error_check
   type, public :: error_watch
     logical :: active = .false.
     logical :: stored = .false.               !! the other run is a pass before this one
-    type(mechanism_system) :: sys
+    class(mechanism_system), allocatable :: sys
     class(stepper), allocatable :: method
     type(balance_watch) :: balance
     real(wp), allocatable :: y(:)             !! (ny) state at its last row [m, rad], [m/s, rad/s], [J]
@@ -84,7 +84,7 @@ contains
       self%error_ratio = 1.0_wp/(1.0_wp - 0.5_wp**method_order(r%method))
     end if
     self%active = .true.
-    self%sys = sys
+    allocate (self%sys, source=sys)
     self%sys%ev%evaluations = 0
     call make_stepper(finer, sys%m%s, fastest, self%method)
     self%y = y
