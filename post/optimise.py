@@ -1,7 +1,1 @@
-#!/usr/bin/env python3
-"""Starts the program optimise (biela/commands/optimise.py); --help says what it does."""
-
-from start import start
-
-if __name__ == "__main__":
-    start("optimise")
+start.py

@@ -1,7 +1,1 @@
-#!/usr/bin/env python3
-"""Starts the program sweep (biela/commands/sweep.py); --help says what it does."""
-
-from start import start
-
-if __name__ == "__main__":
-    start("sweep")
+start.py

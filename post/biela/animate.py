@@ -5,9 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import patheffects as path_effects
@@ -24,6 +21,7 @@ TOUCHED = "#e0452f"
 FILMS = (".gif", ".mp4")
 MARGIN = 0.1  # around what is drawn, by its larger side
 SHEET = (10.0, 7.5)  # of a sheet of panels at most [inch]
+SHEET_LOOK = LOOK | {"axes.grid": False, "font.size": 9}
 LARGEST, SMALLEST = 4.5, 1.4  # width of one panel [inch]
 
 
@@ -36,7 +34,7 @@ class Picture:
         room = MARGIN * (max(high - low) or 1.0)
         axis.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room), aspect="equal")
         plain_numbers(axis)
-        self.reach = 4.0 * max(high - low)
+        self.rail_length = 4.0 * max(high - low)
         self.rails = [axis.plot([], [], "-", color="#aaaaaa", lw=1.0, zorder=1)[0] for _ in scene.sliders]
         self.links = [axis.plot([], [], "-", color=DARK, lw=2.5, zorder=2)[0] for _ in scene.links]
         self.springs = [axis.plot([], [], ":", color=DARK, lw=1.5, zorder=2)[0] for _ in scene.springs]
@@ -56,7 +54,7 @@ class Picture:
         self.lumps = axis.plot([], [], "o", color=DARK, ms=7, zorder=5)[0]
         self.blocks = axis.plot([], [], "s", color="white", mec=DARK, ms=9, mew=1.3, zorder=5)[0]
         self.pins = axis.plot([], [], "o", color="white", mec=DARK, ms=5.5, mew=1.3, zorder=6)[0]
-        fixed = [place.point for place in scene.pins if place.body is None]
+        fixed = [marker.point for marker in scene.pins if marker.body is None]
         if fixed:
             axis.plot(*np.transpose(fixed), "^", color=DARK, ms=10, zorder=2)
         self.stamp = axis.text(0.02, 0.98, "", transform=axis.transAxes, ha="left", va="top")
@@ -79,19 +77,19 @@ class Picture:
             text.set_ha("right" if along[0] * along[1] > 0.0 else "left")  # above a line that rises its left side is free
         for lines, pairs in ((self.links, scene.links), (self.springs, scene.springs)):
             for line, pair in zip(lines, pairs):
-                line.set_data(*np.transpose([scene.at(place, row) for place in pair]))
+                line.set_data(*np.transpose([scene.position(marker, row) for marker in pair]))
         for line, (_, base, direction) in zip(self.rails, scene.sliders):
             angle = direction + (base.body.frame[row, 2] if base.body else 0.0)
-            along = self.reach * np.array([np.cos(angle), np.sin(angle)])
-            line.set_data(*np.transpose([scene.at(base, row) - along, scene.at(base, row) + along]))
+            along = self.rail_length * np.array([np.cos(angle), np.sin(angle)])
+            line.set_data(*np.transpose([scene.position(base, row) - along, scene.position(base, row) + along]))
         for line, hit, stop in zip(self.stops, self.touched, scene.stops):
             walls, touches = stop.walls(scene, row, self.wall)
             touches |= since is not None and stop.struck_within(scene.time[since], scene.time[row])
             line.set_data(*np.concatenate([[*wall, [np.nan] * 2] for wall in walls]).T)
             hit.set_data(*(walls[0].T if touches else ([], [])))
-        _dots(self.lumps, [scene.at(place, row) for place in scene.lumps])
-        _dots(self.blocks, [scene.at(place, row) for place, _, _ in scene.sliders])
-        _dots(self.pins, [scene.at(place, row) for place in scene.pins])
+        _dots(self.lumps, [scene.position(marker, row) for marker in scene.lumps])
+        _dots(self.blocks, [scene.position(marker, row) for marker, _, _ in scene.sliders])
+        _dots(self.pins, [scene.position(marker, row) for marker in scene.pins])
         self.stamp.set_text(f"t = {scene.time[row] * 1.0e3:.4g} ms" if scene.time[-1] < 0.1 else f"t = {scene.time[row]:.4g} s")
 
 
@@ -115,6 +113,30 @@ def tiles(count: int, low: np.ndarray, high: np.ndarray) -> tuple[int, int, floa
         width = max(min(SHEET[0] / columns, LARGEST, SHEET[1] / (lines * ratio)), SMALLEST)
         found.append((width * count / (lines * columns), lines, columns, width, width * ratio))
     return max(found)[1:]
+
+
+def panels_to_scale(
+    count: int, low: np.ndarray, high: np.ndarray, above: float, title: str = ""
+) -> tuple[plt.Figure, list[plt.Axes]]:
+    """Return a figure of as many panels, drawn to scale.
+
+    Args:
+        count: of panels
+        low: lower left corner of what a panel shows [m], shape (2,)
+        high: upper right corner
+        above: room above each panel [inch]
+        title: written above all
+    """
+    lines, columns, width, height = tiles(count, low, high)
+    size = (width * columns + 0.5, (height + above) * lines + 0.7)
+    figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
+    for axis in axes.flat[count:]:
+        axis.axis("off")
+    figure.supxlabel("x [m]", fontsize=9)
+    figure.supylabel("y [m]", fontsize=9)
+    if title:
+        figure.suptitle(title, fontsize=10)
+    return figure, list(axes.flat[:count])
 
 
 def _height(scene: Mechanism, width: float) -> float:
@@ -160,20 +182,11 @@ def snapshot_rows(scene: Mechanism, pictures: int) -> np.ndarray:
 
 def sheet(scene: Mechanism, pictures: int = 6, title: str = "") -> plt.Figure:
     """Return a figure of that many snapshots, evenly spread over time but where a stop is struck nearby: then of that moment."""
-    rows = snapshot_rows(scene, pictures)
     corners = scene.extent()
-    lines, columns, width, height = tiles(pictures, *corners)
-    with plt.rc_context(LOOK | {"axes.grid": False, "font.size": 9}):
-        size = (width * columns + 0.5, (height + 0.15) * lines + 0.7)
-        figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
-        for axis, row in zip(axes.flat, rows):
-            Picture(axis, scene, corners, named=axis is axes[0, 0]).show(row, max(row - 1, 0))
-        for axis in axes.flat[pictures:]:
-            axis.axis("off")
-        figure.supxlabel("x [m]", fontsize=9)
-        figure.supylabel("y [m]", fontsize=9)
-        if title:
-            figure.suptitle(title, fontsize=10)
+    with plt.rc_context(SHEET_LOOK):
+        figure, axes = panels_to_scale(pictures, *corners, 0.15, title)
+        for axis, row in zip(axes, snapshot_rows(scene, pictures)):
+            Picture(axis, scene, corners, named=axis is axes[0]).show(row, max(row - 1, 0))
     return figure
 
 

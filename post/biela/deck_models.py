@@ -1,6 +1,6 @@
 """Smaller and larger models of the same scene: what can be taken out of a deck, and how its mesh and model are refined.
 
-Each change is made in the deck's text. Node numbers, element lists and coordinate numbers elsewhere in the deck follow the
+Each change is made in the deck's text. Node numbers, element lists and coordinate numbers state_differences in the deck follow the
 new mesh. A sensor that has no counterpart on the new model (a node that is gone, the coordinate of a rigid body) becomes a
 comment, unless it was asked for: then the change is impossible.
 """
@@ -15,7 +15,7 @@ from . import deck_terms
 from .deck_text import DeckError, DeckText, Group
 
 MODAL = ("modes", "static_shapes")  # taken away together: nodal coordinates have no static shapes
-PLACES = [("node_a", "body_a"), ("node_b", "body_b"), ("node", "body")]
+NODE_KEYS = [("node_a", "body_a"), ("node_b", "body_b"), ("node", "body")]
 
 
 class ImpossibleError(DeckError):
@@ -24,7 +24,7 @@ class ImpossibleError(DeckError):
 
 @dataclass(frozen=True)
 class Change:
-    """One thing that can be taken out of a model, and the deck without it; body, kind and what is left where they can be told."""
+    """One thing that can be taken out of a model, and the deck without it; body, kind, count left: as far as the label says."""
 
     label: str
     deck: DeckText
@@ -99,7 +99,7 @@ def changed(deck: DeckText, name: str, values: dict[str, str], asked: set[str], 
 def _renumbered(group: Group, name: str, nodes: dict[int, int] | None, last: int) -> tuple[dict[str, str], str]:
     """Return the new node numbers of a group, and what it loses."""
     edits = {}
-    for key, owner in PLACES:
+    for key, owner in NODE_KEYS:
         if nodes is None or key not in group.values or group.word(owner) != name:
             continue
         node = int(group.number(key))
@@ -126,14 +126,14 @@ def _sensor(
         return ({}, "the elements are others here") if nodes is not None else (edits, "")
     index, modes = int(group.number("index")), int(after.number("modes"))
     if int(before.number("modes")) and modes:
-        return (edits, "") if index <= modes else ({}, f"mode {index} is not kept here")
+        return (edits, "") if index <= modes else ({}, f"mode {index} is not on this model")
     if int(before.number("modes")) or modes or index > len(coordinates(before)):
         return {}, f"body {after.name} has other coordinates here"
     node, dof = coordinates(before)[index - 1]
-    place = (node if nodes is None else nodes.get(node, 0), dof)
-    if place not in coordinates(after):
+    coordinate = (node if nodes is None else nodes.get(node, 0), dof)
+    if coordinate not in coordinates(after):
         return {}, f"coordinate {index} is not modelled here"
-    return {**edits, "index": str(coordinates(after).index(place) + 1)}, ""
+    return {**edits, "index": str(coordinates(after).index(coordinate) + 1)}, ""
 
 
 def with_elements(deck: DeckText, name: str, count: int, asked: set[str]) -> DeckText:
@@ -213,7 +213,7 @@ def removals(deck: DeckText, asked: set[str], highest: float, target: float) -> 
 
     def offer(label: str, make: Callable[[], DeckText]) -> None:
         with contextlib.suppress(ImpossibleError):
-            found.append(Change(label, make(), *_told(label)))
+            found.append(Change(label, make(), *_parts_of_label(label)))
 
     for body in (group for group in deck.all("body") if is_flexible(group)):
         for label, values in _body_changes(deck, body):
@@ -229,7 +229,7 @@ def removals(deck: DeckText, asked: set[str], highest: float, target: float) -> 
     return found
 
 
-def _told(label: str) -> tuple[str, str, int]:
+def _parts_of_label(label: str) -> tuple[str, str, int]:
     """Return (body, kind, what is left) of a removal's label."""
     body, what = label.split(": ", 1)
     counted = _counted(what)
@@ -237,7 +237,7 @@ def _told(label: str) -> tuple[str, str, int]:
     return body, kind, int(what.split()[0]) if counted else 0
 
 
-def in_force(labels: list[str]) -> list[str]:
+def effective_removals(labels: list[str]) -> list[str]:
     """Return the labels of removals, made one after another, that a later one has not overtaken."""
     kept: list[str] = []
     for label in labels:

@@ -1,6 +1,6 @@
-"""Runs of many variants of a deck: side by side on the cores at hand, each kept, so that an interrupted study resumes.
+"""Runs of many variants of a deck: side by side on the cores at hand, each stored, so that an interrupted study resumes.
 
-The key of a kept run is the hash of the deck's text and of the solver itself: another solver or another word in the deck is
+The key of a stored run is the hash of the deck's text and of the solver itself: another solver or another word in the deck is
 another run. What a run costs is read from its summary: seconds of the analyses without start-up, evaluations of the equations
 of motion, residuals of implicit methods, banded solves, unknowns.
 """
@@ -45,8 +45,8 @@ COUNTS = {
     "first_order": ("model", "dissipative_coordinates_of_first_order"),
     "multipliers": ("model", "constraints"),
 }
-ALONE = 9  # a run that is timed alone is repeated at most this often
-ENOUGH = 1.0  # [s] by the clock after which a run timed alone is not repeated any more
+MOST_REPEATS = 9  # a run that is timed alone is repeated at most this often
+REPEAT_TIME = 1.0  # [s] by the clock after which a run timed alone is not repeated any more
 GRACE = 0.5  # [s] that a run has to write how far it came
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -58,7 +58,7 @@ class RunsError(BielaError):
 
 
 class InterruptedRunsError(Exception):
-    """Ctrl-C: what was finished is kept."""
+    """Ctrl-C: what was finished is stored."""
 
 
 class OutOfTimeError(Exception):
@@ -93,7 +93,7 @@ class Outcome:
         counts: steps, evaluations, newton, residuals, solves, coordinates, dissipative,
             first_order, multipliers
         warnings: of the solver, a sentence each
-        still: columns that only rounding moves, as the solver has found; none: it has said nothing
+        still: columns that only rounding moves, as the solver finds; None: it does not list them
         events: at which stops and joints change their states
         model_errors: estimated errors of each column, `errors` of left-out modes and `mesh_errors`, where the deck asks for them
     """
@@ -143,7 +143,7 @@ class Runner:
 
     Attributes:
         biela: the solver
-        folder: where runs are kept
+        folder: where runs are stored
         jobs: how many run at a time
         longest: a run that takes longer is stopped [s]
         quiet: no progress bar
@@ -172,17 +172,17 @@ class Runner:
         self.stopped = threading.Event()
         self.drawing = threading.Lock()
         self.made = self.found = 0
-        self.started, self.loading, self.others = time.monotonic(), time.process_time(), _of_children()
-        self.waits: list[float] = []  # by the clock, for each run [s]
+        self.started, self.loading_seconds, self.earlier_seconds = time.monotonic(), time.process_time(), _children_seconds()
+        self.clock_seconds: list[float] = []  # by the clock, for each run [s]
 
     def slowness(self) -> float:
         """Return the ratio of clock time to processor time of the runs so far: it grows with other work on the machine."""
-        used = _of_children() - self.others
-        return max(sum(self.waits) / used, 1.0) if used > 0.0 else 1.0
+        used = _children_seconds() - self.earlier_seconds
+        return max(sum(self.clock_seconds) / used, 1.0) if used > 0.0 else 1.0
 
     def left(self) -> float:
         """Return the seconds that the present phase of the study still has; what loading the tool took is counted."""
-        return self.share * self.time - (time.monotonic() - self.started) - self.loading * self.slowness()
+        return self.share * self.time - (time.monotonic() - self.started) - self.loading_seconds * self.slowness()
 
     def late(self, share: float = 1.0) -> bool:
         """Whether that share of the time until the present phase ends is over."""
@@ -197,11 +197,11 @@ class Runner:
 
         Raises:
             InterruptedRunsError: after Ctrl-C.
-            OutOfTimeError: the time of the phase is over and one of them was neither kept nor finished.
+            OutOfTimeError: the time of the phase is over and one of them was neither stored nor finished.
         """
         texts = list(texts)
         pool = ThreadPoolExecutor(self.jobs)
-        jobs = {text: pool.submit(self._kept, text) for text in dict.fromkeys(texts)}
+        jobs = {text: pool.submit(self._stored_or_made, text) for text in dict.fromkeys(texts)}
         try:
             open_jobs = set(jobs.values())
             while open_jobs:
@@ -239,18 +239,18 @@ class Runner:
             _end(child)
 
     def timed(self, text: str) -> Outcome:
-        """Run a deck alone, several times, and return it with the median of the seconds; kept like other runs."""
+        """Run a deck alone, several times, and return it with the median of the seconds; stored like other runs."""
         return self.all([text + MARK])[0]
 
-    def beside(self, first: str, second: str) -> tuple[Outcome, Outcome]:
-        """Run two decks in turn, so that other work on the machine slows both alike; kept like other runs."""
+    def timed_in_turn(self, first: str, second: str) -> tuple[Outcome, Outcome]:
+        """Run two decks in turn, so that other work on the machine slows both alike; stored like other runs."""
         marked = [f"{a}{MARK}! beside {self._key(b)}\n" for a, b in ((first, second), (second, first))]
-        found = [self.kept(text) for text in marked]
+        found = [self.stored(text) for text in marked]
         if all(found):
             return found[0], found[1]
         runs: list[tuple[Outcome, Outcome]] = []
         begun = time.monotonic()
-        while not runs or (len(runs) < ALONE and time.monotonic() - begun < ENOUGH):
+        while not runs or (len(runs) < MOST_REPEATS and time.monotonic() - begun < REPEAT_TIME):
             try:
                 runs.append(tuple(self._made(text.replace(MARK, "\n"), self._key(text)) for text in marked))
             except OutOfTimeError:
@@ -263,18 +263,18 @@ class Runner:
         return done[0], done[1]
 
     def _key(self, text: str) -> str:
-        """Return the name under which a run is kept."""
+        """Return the name under which a run is stored."""
         return hashlib.sha256((self.digest + text).encode()).hexdigest()[:32]
 
-    def kept(self, text: str) -> Outcome | None:
+    def stored(self, text: str) -> Outcome | None:
         """Return a stored run, None where there is none yet."""
         with contextlib.suppress(OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
             return _load(self.folder / f"{self._key(text)}.npz")
         return None
 
-    def _kept(self, text: str) -> Outcome:
-        """Return a kept run or make it."""
-        outcome = self.kept(text)
+    def _stored_or_made(self, text: str) -> Outcome:
+        """Return a stored run or make it."""
+        outcome = self.stored(text)
         if outcome:
             self.found += 1
             return outcome
@@ -290,52 +290,52 @@ class Runner:
 
     def _made(self, text: str, key: str) -> Outcome:
         """Run a deck, several times where it is timed alone."""
-        place = self.folder / f"{key}.{os.getpid()}.run"
-        place.mkdir(exist_ok=True)
+        run_folder = self.folder / f"{key}.{os.getpid()}.run"
+        run_folder.mkdir(exist_ok=True)
         try:
-            (place / "deck.nml").write_text(text, encoding="utf-8")
+            (run_folder / "deck.nml").write_text(text, encoding="utf-8")
             begun = time.monotonic()
-            outcomes = [self._run(place)]
+            outcomes = [self._run(run_folder)]
             with contextlib.suppress(OutOfTimeError):
-                while text.endswith(MARK) and len(outcomes) < ALONE and time.monotonic() - begun < ENOUGH:
-                    outcomes.append(self._run(place))
+                while text.endswith(MARK) and len(outcomes) < MOST_REPEATS and time.monotonic() - begun < REPEAT_TIME:
+                    outcomes.append(self._run(run_folder))
             return _median(outcomes)
         finally:
-            shutil.rmtree(place, ignore_errors=True)
+            shutil.rmtree(run_folder, ignore_errors=True)
 
-    def _run(self, place: Path) -> Outcome:
+    def _run(self, run_folder: Path) -> Outcome:
         """Call the solver on the deck in a folder; OutOfTimeError where the phase ends before the run."""
         limit = min(self.longest, self.left())
         if limit <= 0.0:
             raise OutOfTimeError
-        child = solver_start.start([self.biela.resolve(), "--quiet", "--output", "out", "deck.nml"], place)
+        child = solver_start.start([self.biela.resolve(), "--quiet", "--output", "out", "deck.nml"], run_folder)
         self.children.add(child)
         if self.stopped.is_set():
             _end(child)
         begun = time.monotonic()
         try:
-            _, told = child.communicate(timeout=limit)
+            _, errors = child.communicate(timeout=limit)
             status = solver_start.status(child)
         except subprocess.TimeoutExpired:
             reached = _reached(child)
             if limit < self.longest:
-                self.unfinished.append(Unfinished((place / "deck.nml").read_text(encoding="utf-8"), limit, reached))
+                self.unfinished.append(Unfinished((run_folder / "deck.nml").read_text(encoding="utf-8"), limit, reached))
                 raise OutOfTimeError from None
-            status, told = -1, f"deck.nml: stopped after {self.longest:g} s" + (f" at t = {reached:g} s" if reached > 0.0 else "")
+            status, errors = -1, f"deck.nml: stopped after {self.longest:g} s" + (f" at t = {reached:g} s" if reached > 0.0 else "")
         except BaseException:
             _end(child)
             raise
         finally:
             self.children.discard(child)
-            self.waits.append(time.monotonic() - begun)
-        lines = [line for line in told.splitlines() if "warning" not in line]
+            self.clock_seconds.append(time.monotonic() - begun)
+        lines = [line for line in errors.splitlines() if "warning" not in line]
         message = re.sub(r"^deck\.nml:(?=\d)", "line ", lines[0]).removeprefix("deck.nml: ") if lines else ""
         if status:
             return Outcome(status, message or f"the solver ended with status {status}")
         try:
-            history = read(place / "out")
-            summary = read_summary(place / "out")
-            events = tuple(read_events(place / "out"))
+            history = read(run_folder / "out")
+            summary = read_summary(run_folder / "out")
+            events = tuple(read_events(run_folder / "out"))
         except HistoryError as fault:
             return Outcome(-2, str(fault))
         counts = {name: summary[part][key] for name, (part, key) in COUNTS.items() if key in summary.get(part, {})}
@@ -354,7 +354,7 @@ class Runner:
             return
         bar = ("#" * (20 * done // max(count, 1))).ljust(20, ".")
         seconds = time.monotonic() - self.started
-        line = f"[{bar}] {stage}: {done}/{count}   {self.made} runs made, {self.found} kept ones used, {seconds:.0f} s"
+        line = f"[{bar}] {stage}: {done}/{count}   {self.made} runs made, {self.found} stored ones used, {seconds:.0f} s"
         with self.drawing:
             print("\r" + line[:118].ljust(118), end="", file=sys.stderr, flush=True)
 
@@ -369,7 +369,7 @@ def _median(outcomes: Sequence[Outcome]) -> Outcome:
     return replace(outcomes[0], seconds=float(np.median([outcome.seconds for outcome in outcomes])))
 
 
-def _of_children() -> float:
+def _children_seconds() -> float:
     """Return the seconds of the processor that all solvers that have ended took."""
     return sum(os.times()[2:4])
 
@@ -378,11 +378,11 @@ def _reached(child: subprocess.Popen) -> float:
     """Stop a solver and return the time of the motion that it says it came to [s], nan where it says nothing."""
     _end(child, signal.SIGTERM)
     try:
-        _, told = child.communicate(timeout=GRACE)
+        _, errors = child.communicate(timeout=GRACE)
     except subprocess.TimeoutExpired:
         _end(child)
-        _, told = child.communicate()
-    found = re.search(r"stopped by signal \d+ at t = +(\S+) s", told)
+        _, errors = child.communicate()
+    found = re.search(r"stopped by signal \d+ at t = +(\S+) s", errors)
     return float(found[1]) if found else math.nan
 
 
@@ -402,10 +402,10 @@ def _save(path: Path, outcome: Outcome) -> None:
 
 
 def _load(path: Path) -> Outcome:
-    """Return a kept run."""
-    with np.load(path) as kept:
-        rest = json.loads(str(kept["rest"]))
+    """Return a stored run."""
+    with np.load(path) as stored:
+        rest = json.loads(str(stored["rest"]))
         rest |= {name: tuple(rest.get(name, ())) for name in ("names", "units", "warnings")}
         rest["events"] = tuple(Event(*event) for event in rest["events"])
         rest["still"] = None if rest.get("still") is None else tuple(rest["still"])
-        return Outcome(data=kept["data"], **rest)
+        return Outcome(data=stored["data"], **rest)

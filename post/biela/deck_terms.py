@@ -1,7 +1,7 @@
 """Simpler viscoelastic terms of a deck: without a term, with stiffness in its place, or fewer Maxwell terms for GHM terms.
 
 Neighbouring GHM terms of a measured material often share their poles; then half as many internal variables, those of Maxwell terms,
-give nearly the same modulus. How nearly is told by the largest relative error of the complex modulus from a tenth of the slowest
+give nearly the same modulus. The measure is the largest relative error of the complex modulus from a tenth of the slowest
 relaxation up to the highest frequency that is asked for.
 """
 

@@ -47,11 +47,7 @@ def deck(name: str) -> Path:
 
 
 def run(biela: Path, decks: list[Path]) -> None:
-    """Run the solver on decks.
-
-    Raises:
-        HistoryError: the solver is missing or one of the runs failed; its own message stands above.
-    """
+    """Run the solver on decks. HistoryError: the solver is missing or one of the runs failed; its own message stands above."""
     try:
         done = subprocess.run([str(biela.resolve()), "--quiet", *map(str, decks)], check=False)
     except OSError as fault:

@@ -36,12 +36,12 @@ class Derivatives:
 
 def weights(nodes: tuple[float, ...]) -> np.ndarray:
     """Return the weights of values at 0 and at nodes that give the derivative at 0 of the polynomial through them."""
-    places = np.array([0.0, *nodes])
-    return np.linalg.inv(np.vander(places, increasing=True))[1]
+    positions = np.array([0.0, *nodes])
+    return np.linalg.inv(np.vander(positions, increasing=True))[1]
 
 
 def matched(base: Design, other: Design, column: int, first: int = 0) -> float:
-    """Return the value of another design that belongs to an extreme of the base: of the extreme nearest to its place.
+    """Return the value of another design that belongs to an extreme of the base: of the extreme nearest to its position.
 
     Where several extremes compete their largest has a kink, each of them has none.
 
@@ -54,24 +54,24 @@ def matched(base: Design, other: Design, column: int, first: int = 0) -> float:
     extremes, others = base.extremes[column], other.extremes[column]
     if not extremes or not others:
         return other.values[column]
-    places = np.array([place for place, _ in extremes])
-    at = int(np.argmin([abs(place - places[first]) for place, _ in others]))
-    apart = np.abs(np.delete(places, first) - places[first])
-    if apart.size and abs(others[at][0] - places[first]) > 0.5 * apart.min():  # it has gone, or another one has come
+    positions = np.array([position for position, _ in extremes])
+    at = int(np.argmin([abs(position - positions[first]) for position, _ in others]))
+    apart = np.abs(np.delete(positions, first) - positions[first])
+    if apart.size and abs(others[at][0] - positions[first]) > 0.5 * apart.min():  # it has gone, or another one has come
         at = min(first, len(others) - 1)
     return others[at][1]
 
 
-def _at_step(runs: DesignRuns, space: Space, base: Design, units: np.ndarray, choice: tuple, steps: np.ndarray):
+def _at_step(runs: DesignRuns, space: Space, base: Design, start: np.ndarray, choice: tuple, steps: np.ndarray):
     """Return derivatives by coordinates, how far the steps bend them, and the weight of errors, each (values, parameters)."""
     sides, points = [], []
     for k, step in enumerate(steps):
-        side = "both sides" if 2.0 * step <= units[k] <= 1.0 - 2.0 * step else "above" if units[k] < 0.5 else "below"
+        side = "both sides" if 2.0 * step <= start[k] <= 1.0 - 2.0 * step else "above" if start[k] < 0.5 else "below"
         sides.append(side)
         for node in FIVE[side]:
-            place = units.copy()
-            place[k] += node * step
-            points.append(space.point(place, choice))
+            position = start.copy()
+            position[k] += node * step
+            points.append(space.point(position, choice))
     found = runs.of(points)
     shape = len(base.values), len(steps)
     slopes, bends, weight = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(len(steps))
@@ -88,7 +88,7 @@ def _at_step(runs: DesignRuns, space: Space, base: Design, units: np.ndarray, ch
 
 
 def derivatives(
-    runs: DesignRuns, space: Space, base: Design, units: np.ndarray, choice: tuple, errors: np.ndarray, scales: np.ndarray
+    runs: DesignRuns, space: Space, base: Design, start: np.ndarray, choice: tuple, errors: np.ndarray, scales: np.ndarray
 ) -> Derivatives:
     """Return the derivatives of all results at a design.
 
@@ -96,7 +96,7 @@ def derivatives(
         runs: makes the runs
         space: of the designs
         base: the design
-        units: its place
+        start: its position in the unit cube
         choice: of the lists
         errors: of its values
         scales: sizes of the values, by which steps are chosen first
@@ -110,7 +110,7 @@ def derivatives(
     steps = np.full(len(space.free), np.clip((3.0 * part) ** (1.0 / 3.0), 1.0e-3, LONGEST))
     best: Derivatives | None = None
     for _ in range(ROUNDS):
-        slopes, bends, weight = _at_step(runs, space, base, units, choice, steps)
+        slopes, bends, weight = _at_step(runs, space, base, start, choice, steps)
         noise = known[:, None] * weight
         total = bends + noise
         if best is None:
@@ -123,7 +123,7 @@ def derivatives(
         if np.all(np.abs(np.log(longer / steps)) < np.log(2.0)):
             break
         steps = longer
-    slope = np.array([space.slope(k, unit) for k, unit in enumerate(units)])
+    slope = np.array([space.slope(k, unit) for k, unit in enumerate(start)])
     return Derivatives(best.values / slope, best.errors / np.abs(slope), best.steps)
 
 

@@ -1,4 +1,4 @@
-"""Searches for the best design from several places at once: scipy's SLSQP on runs of the solver.
+"""Searches for the best design from several positions at once: scipy's SLSQP on runs of the solver.
 
 Each search is a thread that asks for designs. All threads ask, then the runs of all are made side by side, then all go on: what
 they find does not depend on the number of cores, and a search that was interrupted finds its runs in the journal. The largest of
@@ -23,7 +23,7 @@ from .sweep_study import Study
 FAR = 1.0e3  # scaled distance from a limit where a design has fewer extremes than others: never active
 SAME = 0.03  # two searches nearer than this part of the ranges, each, go the same way
 ITERATIONS = 60
-PATIENCE = 3  # iterations that stay in one place, which end a search
+PATIENCE = 3  # iterations that stay in one position, which end a search
 FAILURES = 12  # runs that fail, which end a search
 JOINED = "another search goes the same way, or farther"
 LEAST_STEP, LARGEST_STEP = 1.0e-6, 0.05  # of forward differences, in parts of a parameter's range
@@ -85,7 +85,7 @@ class Goal:
         """All columns that count."""
         return [self.column, *(one.column for one in self.limits)]
 
-    def pieces(self, column: int, sign: int) -> bool:
+    def worst_of_several(self, column: int, sign: int) -> bool:
         """Return whether a column that has to be small (sign 1) or large is the worst of several extremes."""
         return self.several.get(column) == sign
 
@@ -123,7 +123,7 @@ class Search(threading.Thread):
         begin: where it begins
         central: derivatives by differences on both sides
         ended: why it ended
-        path: places of its iterates
+        path: positions of its iterates
         best: the best design that it met, None before the first
         fault: what went wrong in the thread
     """
@@ -135,8 +135,8 @@ class Search(threading.Thread):
         self.path: list[np.ndarray] = []
         self.failures = 0
         self.over = False
-        self.asked: queue.Queue = queue.Queue()
-        self.given: queue.Queue = queue.Queue()
+        self.requests: queue.Queue = queue.Queue()
+        self.answers: queue.Queue = queue.Queue()
         self.known: dict[bytes, Design] = {}
         self.slopes: dict[bytes, tuple[list[np.ndarray], np.ndarray]] = {}
         self.worst = 0.0
@@ -151,17 +151,17 @@ class Search(threading.Thread):
             self.ended = self._slsqp()
         except StoppedError as reason:
             self.ended = str(reason)
-        except Exception as fault:  # told by the thread that waits for this one
+        except Exception as fault:  # raised by the thread that waits for this one
             self.fault = fault
         self.over = True
-        self.asked.put(None)
+        self.requests.put(None)
 
     def _slsqp(self) -> str:
         """Call SLSQP; where the objective is the worst of several extremes, it is a further variable above all of them."""
         from scipy.optimize import minimize
 
         goal, count = self.goal, len(self.begin)
-        above = goal.pieces(goal.column, goal.sign)
+        above = goal.worst_of_several(goal.column, goal.sign)
         first = self._design(self.begin)
         if not first.ok:
             return "its first run failed: " + first.reason
@@ -173,20 +173,20 @@ class Search(threading.Thread):
                          constraints=constraints, options=options)  # fmt: skip
         return "" if found.status == 0 else str(found.message)
 
-    def _ask(self, places: list[np.ndarray]) -> list[Design]:
-        """Return designs at places of the cube; StoppedError where the search is not to go on."""
-        self.asked.put([self.space.point(place, self.choice) for place in places])
-        found = self.given.get()
+    def _ask(self, positions: list[np.ndarray]) -> list[Design]:
+        """Return designs at positions of the cube; StoppedError where the search is not to go on."""
+        self.requests.put([self.space.point(position, self.choice) for position in positions])
+        found = self.answers.get()
         if isinstance(found, str):
             raise StoppedError(found)
         return found
 
     def _design(self, variables: np.ndarray) -> Design:
-        """Return the design at a place."""
-        place = np.clip(variables[: len(self.begin)], 0.0, 1.0)
-        key = place.tobytes()
+        """Return the design at a position."""
+        position = np.clip(variables[: len(self.begin)], 0.0, 1.0)
+        key = position.tobytes()
         if key not in self.known:
-            (design,) = self._ask([place])
+            (design,) = self._ask([position])
             self.known[key] = design
             self.failures += not design.ok
             if self.failures > FAILURES:
@@ -200,13 +200,13 @@ class Search(threading.Thread):
     def _columns(self) -> list[tuple[int, int]]:
         """Return column and sign of what has to stay small: the objective where it has several extremes, then the limits."""
         goal = self.goal
-        own = [(goal.column, goal.sign)] if goal.pieces(goal.column, goal.sign) else []
+        own = [(goal.column, goal.sign)] if goal.worst_of_several(goal.column, goal.sign) else []
         return own + [(one.column, one.sign) for one in goal.limits]
 
     def _values(self, column: int, sign: int, base: Design, design: Design) -> list[float]:
         """Return a column of a design, each of the base's extremes where the worst of them counts; scaled."""
         scale = self.goal.scales[column]
-        if not self.goal.pieces(column, sign):
+        if not self.goal.worst_of_several(column, sign):
             return [matched(base, design, column) / scale]
         return [matched(base, design, column, k) / scale for k in range(max(len(base.extremes[column]), 1))]
 
@@ -217,7 +217,7 @@ class Search(threading.Thread):
         bounds += [one.sign * one.bound / goal.scales[one.column] - 2.0 * goal.accuracy for one in goal.limits]
         found: list[float] = []
         for bound, (column, sign) in zip(bounds, self._columns()):
-            count = EXTREMES if goal.pieces(column, sign) else 1
+            count = EXTREMES if goal.worst_of_several(column, sign) else 1
             inside = [bound - sign * value for value in self._values(column, sign, design, design)] if design.ok else [-1.0]
             found += inside + [FAR] * (count - len(inside))
         return np.array(found)
@@ -232,49 +232,49 @@ class Search(threading.Thread):
 
     def _slope(self, variables: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """Return the derivatives of the values of `_columns`, each an array (extremes, parameters), and of the objective."""
-        place = np.clip(variables[: len(self.begin)], 0.0, 1.0)
-        key = place.tobytes()
+        position = np.clip(variables[: len(self.begin)], 0.0, 1.0)
+        key = position.tobytes()
         if key in self.slopes:
             return self.slopes[key]
-        base = self._design(place)
+        base = self._design(position)
         if not base.ok:
             raise StoppedError("the run failed: " + base.reason)
-        self.path.append(place)
-        self._give_up_where_nothing_changes()
+        self.path.append(position)
+        self._stop_if_stuck()
         columns = [*self._columns(), (self.goal.column, 0)]
-        found = [np.zeros((len(self._values(column, sign, base, base)), len(place))) for column, sign in columns]
-        for k, differences in enumerate(self._beside(place)):
+        found = [np.zeros((len(self._values(column, sign, base, base)), len(position))) for column, sign in columns]
+        for k, differences in enumerate(self._neighbours(position)):
             for (column, sign), table in zip(columns, found):
                 values = [self._values(column, sign, base, design) for _, design in differences]
                 table[:, k] = np.dot([weight for weight, _ in differences], values)
         self.slopes[key] = found[:-1], found[-1][0]
         return self.slopes[key]
 
-    def _give_up_where_nothing_changes(self) -> None:
+    def _stop_if_stuck(self) -> None:
         """End the search where iterations move by less than the step of its differences, as their errors do for ever."""
         if len(self.path) > PATIENCE and np.abs(np.array(self.path[-PATIENCE - 1 : -1]) - self.path[-1]).max() < self.step:
             raise StoppedError("")
 
-    def _beside(self, place: np.ndarray) -> list[list[tuple[float, Design]]]:
+    def _neighbours(self, position: np.ndarray) -> list[list[tuple[float, Design]]]:
         """Return, for each parameter, designs with the weights that give a derivative."""
 
         def moved(k: int, step: float) -> np.ndarray:
-            other = place.copy()
+            other = position.copy()
             other[k] += step
             return other
 
-        base = self._design(place)
-        room = [(min(self.step, 1.0 - unit), min(self.step, unit)) for unit in place]
+        base = self._design(position)
+        room = [(min(self.step, 1.0 - unit), min(self.step, unit)) for unit in position]
         both = [self.central and up == self.step == down for up, down in room]
         steps = [[self.step, -self.step] if two else [self.step if up == self.step else -self.step]
                  for two, (up, down) in zip(both, room)]  # fmt: skip
-        places = [moved(k, step) for k, several in enumerate(steps) for step in several]
-        made = iter(self._ask(places))
+        positions = [moved(k, step) for k, several in enumerate(steps) for step in several]
+        made = iter(self._ask(positions))
         found = []
         for k, several in enumerate(steps):
             good = [(step, design) for step in several if (design := next(made)).ok]
             if not good:  # the other side
-                (design,) = self._ask([moved(k, -several[0])]) if 0.0 <= place[k] - several[0] <= 1.0 else (None,)
+                (design,) = self._ask([moved(k, -several[0])]) if 0.0 <= position[k] - several[0] <= 1.0 else (None,)
                 if design is None or not design.ok:
                     raise StoppedError("runs on both sides of a design failed")
                 good = [(-several[0], design)]
@@ -290,7 +290,7 @@ class Search(threading.Thread):
         above = len(variables) > len(self.begin)
         rows = []
         for number, ((column, sign), table) in enumerate(zip(self._columns(), tables)):
-            count = EXTREMES if self.goal.pieces(column, sign) else 1
+            count = EXTREMES if self.goal.worst_of_several(column, sign) else 1
             padded = np.zeros((count, len(variables)))
             padded[: len(table), : len(self.begin)] = -sign * table
             if above and number == 0:
@@ -311,28 +311,28 @@ def search_all(runs: DesignRuns, searches: list[Search]) -> None:
         one.start()
     live, over = list(searches), False
     while live:
-        wanted = [(one, points) for one in live if (points := one.asked.get()) is not None]
+        wanted = [(one, points) for one in live if (points := one.requests.get()) is not None]
         live = [one for one, _ in wanted]
         for one in searches:
             if one.fault:
                 raise one.fault
-        _stop_those_behind(searches, wanted)
-        _join_those_that_meet(searches, wanted)
+        _stop_slow_searches(searches, wanted)
+        _stop_where_searches_meet(searches, wanted)
         asked = [(one, points) for one, points in wanted if points]
         try:
             found = iter(runs.of([point for _, points in asked for point in points]))
         except RunsOverError:
             over = True
             for one, _ in wanted:
-                one.given.put("the runs are used up")
+                one.answers.put("the runs are used up")
             continue
         for one, points in wanted:
-            one.given.put([next(found) for _ in points] if points else JOINED)
+            one.answers.put([next(found) for _ in points] if points else JOINED)
     if over:
         raise RunsOverError
 
 
-def _stop_those_behind(searches: list[Search], wanted: list[tuple[Search, list[dict]]]) -> None:
+def _stop_slow_searches(searches: list[Search], wanted: list[tuple[Search, list[dict]]]) -> None:
     """Empty the wishes of searches that need more than twice the iterations of one that has ended, and are worse."""
     ended = [one for one in searches if not one.ended and one.over and one.best]
     for one, points in wanted:
@@ -340,7 +340,7 @@ def _stop_those_behind(searches: list[Search], wanted: list[tuple[Search, list[d
             points.clear()
 
 
-def _join_those_that_meet(searches: list[Search], wanted: list[tuple[Search, list[dict]]]) -> None:
+def _stop_where_searches_meet(searches: list[Search], wanted: list[tuple[Search, list[dict]]]) -> None:
     """Empty the wishes of searches that are where another one is, or was when it ended, with a better design."""
     stopped = []
     for one, points in wanted:

@@ -15,7 +15,7 @@ from .sweep_study import Parameter, Study
 class Space:
     """All designs of a study.
 
-    A design is a place in the unit cube, one coordinate for each free parameter, and a choice from the lists of the others.
+    A design is a position in the unit cube, one coordinate for each free parameter, and a choice from the lists of the others.
 
     Attributes:
         parameters: all, in the order of the study
@@ -65,16 +65,16 @@ class Space:
         return {one.name: values[one.name] for one in self.parameters}
 
     def start(self) -> np.ndarray:
-        """Return the place where a search begins: what the study says, else the middle."""
+        """Return the position where a search begins: what the study says, else the middle."""
         return np.array([0.5 if one.start is None else self.unit(k, one.start) for k, one in enumerate(self.free)])
 
     def spread_out(self, count: int, seed: int = 0) -> np.ndarray:
-        """Return places all over the cube, shape (count, parameters): of many Latin hypercubes the one with the widest gaps."""
+        """Return positions all over the cube, shape (count, parameters): of many Latin hypercubes the one with the widest gaps."""
         generator, best, widest = np.random.default_rng(seed), np.empty((count, len(self.free))), -1.0
         for _ in range(50 if count > 1 else 1):
             shuffled = np.argsort(generator.random((len(self.free), count)), axis=1).T
-            places = (shuffled + 0.5) / count
-            gaps = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(count) * 10.0
+            positions = (shuffled + 0.5) / count
+            gaps = np.linalg.norm(positions[:, None] - positions[None], axis=2) + np.eye(count) * 10.0
             if gaps.min() > widest:
-                best, widest = places, gaps.min()
+                best, widest = positions, gaps.min()
         return best

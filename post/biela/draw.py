@@ -6,9 +6,6 @@ import argparse
 import json
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Arc, Circle, Polygon
@@ -63,9 +60,9 @@ class ScenePicture:
         ends = [np.array(item[side]["at"]) for item in items for side in "ab"]
         points = np.array([*points, *ends, *(sensor["at"]["at"] for sensor in scene["sensors"])])
         low, high = points.min(axis=0), points.max(axis=0)
-        reach = max(high - low)  # a wall farther away than the mechanism is long would make it small
+        side = max(high - low)  # a wall farther away than the mechanism is long would make it small
         found = [wall for stop in scene.get("stops", []) for wall in walls(stop)]
-        points = np.array([*points, *(wall for wall in found if (low - reach < wall).all() and (wall < high + reach).all())])
+        points = np.array([*points, *(wall for wall in found if (low - side < wall).all() and (wall < high + side).all())])
         self.low, self.high = points.min(axis=0), points.max(axis=0)
         self.span = float(max(self.high - self.low)) or 1.0
         self.middle = (self.low + self.high) / 2.0
@@ -104,7 +101,7 @@ class ScenePicture:
         self.labels.append(labels.Label(np.array(at), text, colour))
 
     def _body(self, body: dict, colour: str, style: object) -> None:
-        """Draw the elements of a beam or frame; of a rigid body the outline of its frame, mass centre and places."""
+        """Draw the elements of a beam or frame; of a rigid body the outline of its frame, mass centre and markers."""
         nodes = np.array(body["nodes"])
         if len(nodes):
             for i, j in body["elements"]:
@@ -113,8 +110,8 @@ class ScenePicture:
             first = np.array(body["elements"][len(body["elements"]) // 2]) - 1
             at = nodes[first].mean(axis=0)
         else:
-            places = [body["frame"][:2], body["centre"], *self._places(body["name"])]
-            outline = hull(np.array(places))
+            points = [body["frame"][:2], body["centre"], *self._points_of(body["name"])]
+            outline = hull(np.array(points))
             if len(outline) > 3:
                 self.axis.add_patch(Polygon(outline, facecolor=colour, alpha=0.15, zorder=2))
             self.axis.plot(*outline.T, ls=style, color=colour, lw=3.2, alpha=0.8, zorder=3, solid_capstyle="round")
@@ -122,15 +119,15 @@ class ScenePicture:
             self.axis.plot(*at, "P", color=colour, ms=6, zorder=4)
         self._label(at, body["name"], colour)
 
-    def _places(self, name: str) -> list:
+    def _points_of(self, name: str) -> list:
         """Return where joints, springs and forces hold a body."""
         kinds = ("joints", "drives", "springs", "stops")
         found = [item[side] for kind in kinds for item in self.scene.get(kind, []) for side in "ab"]
         found += [force["at"] for force in self.scene["forces"]]
-        return [place["at"] for place in found if place["body"] == name]
+        return [marker["at"] for marker in found if marker["body"] == name]
 
     def _ground(self, at: np.ndarray) -> None:
-        """Draw a hatched triangle under a place of the ground."""
+        """Draw a hatched triangle under a marker of the ground."""
         s = 0.7 * SYMBOL * self.span
         self.axis.add_patch(
             Polygon(at + s * np.array([[0.0, 0.0], [-1.0, -1.5], [1.0, -1.5]]), facecolor="#eeeeee", edgecolor=GREY, zorder=1)
@@ -140,7 +137,7 @@ class ScenePicture:
             self.axis.plot(*np.transpose([foot, foot - [0.5 * s, 0.5 * s]]), "-", color=GREY, lw=0.8, zorder=1)
 
     def _joint(self, joint: dict) -> None:
-        """Draw a joint between its two places."""
+        """Draw a joint between its two markers."""
         a, b = (np.array(joint[side]["at"]) for side in "ab")
         kind = joint["kind"]
         if kind in ("slider", "prismatic"):
@@ -204,11 +201,12 @@ class ScenePicture:
             first, last = np.degrees([min(arm, *angles), max(arm, *angles)])
             last = min(last, first + 359.0)
             self.axis.add_patch(Arc(a, 3 * size, 3 * size, theta1=first, theta2=last, color=STOP, lw=1.4, zorder=7))
-        shown = {"clearance": "gap {1:.3g} m"}.get(stop["kind"], " to ".join(f"{x:.3g}" for x in limits))
+        unit = "rad" if stop["kind"] == "rotation" else "m"
+        shown = {"clearance": "gap {1:.3g} m"}.get(stop["kind"], " to ".join(f"{x:.3g}" for x in limits) + f" {unit}")
         self._label(at, f"{stop['name']} (stop, {shown.format(stop['lower'], stop['upper'])})", STOP)
 
     def _turn(self, at: np.ndarray, colour: str, sign: float = 1.0) -> None:
-        """Draw an arrow that turns about a place."""
+        """Draw an arrow that turns about a marker."""
         r = 1.3 * SYMBOL * self.span
         first, last = (30.0, 300.0)
         self.axis.add_patch(Arc(at, 2 * r, 2 * r, theta1=first, theta2=last, color=colour, lw=1.6, zorder=7))
@@ -222,7 +220,7 @@ class ScenePicture:
         self.axis.annotate("", xy=end, xytext=start, arrowprops=style, zorder=7)
 
     def _drive(self, drive: dict) -> None:
-        """Draw a drive at its place a."""
+        """Draw a drive at its marker a."""
         at = np.array(drive["a"]["at"])
         if drive["kind"] == "rotation":
             self._turn(at, DRIVE)
@@ -232,7 +230,7 @@ class ScenePicture:
         self._label(at, f"{drive['name']} (drive)", DRIVE)
 
     def _force(self, force: dict) -> None:
-        """Draw a force as an arrow that ends at its place, a torque as one that turns."""
+        """Draw a force as an arrow that ends at its marker, a torque as one that turns."""
         at = np.array(force["at"]["at"])
         if force["kind"] == "force":
             vector = np.array(force["force"])

@@ -15,7 +15,7 @@ from .mechanism import Mechanism
 from .plot import COLOURS, LOOK, pretty_unit
 
 MODES = 6  # that are listed
-WAYS = {
+LARGEST_VALUES = {
     ("deflection", "v"): ("largest deflection, {}", ("u", "v")),
     ("internal", "s"): ("largest stress, {}", ("s",)),
     ("stress", "s"): ("largest stress, {}", ("s",)),
@@ -28,10 +28,10 @@ WAYS = {
 LOSSES = {"stops": "stop {}", "friction": "friction of joint {}"}  # lists of the summary, and what their items are called
 
 
-def _peak(time: np.ndarray, size: np.ndarray, unit: str, place: str = "") -> str:
+def _peak(time: np.ndarray, size: np.ndarray, unit: str, where: str = "") -> str:
     """Return the largest value, where it is and its time, '' where nothing is more than zero."""
     k = int(np.argmax(size))
-    return f"{size[k]:.4g} {pretty_unit(unit)} at {place}t = {time[k]:.4g} s" if size[k] > 0.0 else ""
+    return f"{size[k]:.4g} {pretty_unit(unit)} at {where}t = {time[k]:.4g} s" if size[k] > 0.0 else ""
 
 
 def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str, str]]:
@@ -47,21 +47,21 @@ def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str
 
 
 def of_history(table: History, deck: deck_text.DeckText, rounding: set[str]) -> Iterator[tuple[str, str]]:
-    """Yield the largest values of sensors, of stresses with their place; rounding: columns that hold nothing else."""
+    """Yield the largest values of sensors, of stresses with the element or node; rounding: columns that hold nothing else."""
     groups = {group.name: group for group in deck.all("sensor")}
     for name in table.names[1:]:
         sensor, _, part = name.rpartition(".")
         group = groups.get(sensor.lower())
-        words, parts = WAYS.get((group.word("quantity") if group else "", part), ("", ()))
+        words, parts = LARGEST_VALUES.get((group.word("quantity") if group else "", part), ("", ()))
         if not words or all(f"{sensor}.{one}" in rounding for one in parts):
             continue
         columns = np.abs([table[f"{sensor}.{one}"] for one in parts])
         size = columns.max(axis=0) if part == "m1" else np.linalg.norm(columns, axis=0)
-        place = f"element {group.word('element')}, " if group.word("element") else ""
+        where = f"element {group.word('element')}, " if group.word("element") else ""
         if group.word("quantity") == "stress":
-            place = f"node {table[f'{sensor}.node'][int(np.argmax(size))]:.0f}, "
-        if told := _peak(table.time, size, table.units[name], place):
-            yield words.format(sensor), told
+            where = f"node {table[f'{sensor}.node'][int(np.argmax(size))]:.0f}, "
+        if peak := _peak(table.time, size, table.units[name], where):
+            yield words.format(sensor), peak
 
 
 def turning_drives(scene: dict, deck: deck_text.DeckText) -> dict[str, dict]:
@@ -79,14 +79,14 @@ def of_drives(
     Sensors of power and work say theirs, of whatever has such sensors.
     """
     names = {name.lower(): name for name in table.names}
-    told = set()
+    stated = set()
     for group in deck.all("sensor"):
         quantity = group.word("quantity")
         column = names.get(group.name)
         if quantity not in ("power", "work") or column is None:
             continue
         kind = next(one for one in ("drive", "force", "spring", "joint") if group.word(one))
-        told.add((quantity, kind, group.word(kind)))
+        stated.add((quantity, kind, group.word(kind)))
         size = f"{table[column][-1]:.4g} J" if quantity == "work" else _peak(table.time, np.abs(table[column]), "W") or "0 W"
         yield f"{'largest ' * (quantity == 'power')}{quantity} of {kind} {group.word(kind)}", size
     for sensor, drive in drives.items():
@@ -102,9 +102,9 @@ def of_drives(
         angle = turns[0] - (turns[1] if len(turns) > 1 else 0.0)
         inside = (table.time >= motion.time[0]) & (table.time <= motion.time[-1])
         power = torque[inside] * CubicSpline(motion.time, angle)(table.time[inside], 1)
-        if ("power", "drive", name) not in told:
+        if ("power", "drive", name) not in stated:
             yield f"largest power of drive {drive['name']}", _peak(table.time[inside], np.abs(power), "W") or "0 W"
-        if ("work", "drive", name) not in told:
+        if ("work", "drive", name) not in stated:
             yield f"work of drive {drive['name']}", f"{np.trapezoid(power, table.time[inside]):.4g} J"
 
 
@@ -118,10 +118,10 @@ def of_energy(table: History, transient: dict) -> Iterator[tuple[str, str]]:
     if np.any(table["kinetic"]):
         yield "largest kinetic energy", _peak(table.time, table["kinetic"], "J")
     lost = losses(table, transient)
-    whole = float(table["dissipated"][-1])
+    total = float(table["dissipated"][-1])
     for cause, parts in sorted(lost.items(), key=lambda one: -abs(sum(one[1].values()))):
         energy = sum(parts.values())
-        share = f", {100.0 * energy / whole:.3g} % of all" if len(lost) > 1 else ""
+        share = f", {100.0 * energy / total:.3g} % of all" if len(lost) > 1 else ""
         terms = ": " + ", ".join(f"{term} {part:.3g} J" for term, part in parts.items()) if len(parts) > 1 else ""
         yield f"energy lost in {cause}", f"{energy:.4g} J{share}{terms}"
     if np.any(table["work"]):

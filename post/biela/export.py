@@ -73,7 +73,7 @@ def lines(scene: Mechanism, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
             add(track, [(k, k + 1) for k in range(len(track) - 1)], number)
     for ends in scene.links + scene.springs:
         number += 1
-        add(np.array([scene.at(place, row) for place in ends]), [(0, 1)], number)
+        add(np.array([scene.position(marker, row) for marker in ends]), [(0, 1)], number)
     return np.concatenate(points), np.array(pairs).reshape(-1, 2), np.array(part)
 
 

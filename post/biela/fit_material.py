@@ -7,9 +7,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter
@@ -64,11 +61,11 @@ def chosen_fit(args: argparse.Namespace, frequency: np.ndarray, modulus: np.ndar
     least = max(args.target, NEAR * min(one.error for one in tried))
     best = min((one for one in tried if one.error <= least), key=lambda one: (one.material.internal_variables, one.error))
     other = tried[0] if best is tried[1] else tried[1]
-    told = "; ".join(
+    comparison = "; ".join(
         f"{law_of(one.material)}: {100 * one.error:.3g} % with {one.material.internal_variables} internal variables"
         for one in (best, other)
     )
-    return best, [f"law chosen: {told}"]
+    return best, [f"law chosen: {comparison}"]
 
 
 def law_of(material: Material) -> str:
@@ -109,9 +106,9 @@ def material_lines(
     material: Material, name: str, density: float | None, notes: list[str], band: tuple[float, float], scale: float
 ) -> str:
     """Return the lines of a deck: comments, then the `&material` group."""
-    said = material.assignments()
-    lists = [f"          {key} = {said[key]}" for key in (*GHM_KEYS, *MAXWELL_KEYS) if key in said]
-    head = f"&material name='{name}' density={density:g} young={said['young']} band={band[0]:.6g},{band[1]:.6g}"
+    values = material.assignments()
+    lists = [f"          {key} = {values[key]}" for key in (*GHM_KEYS, *MAXWELL_KEYS) if key in values]
+    head = f"&material name='{name}' density={density:g} young={values['young']} band={band[0]:.6g},{band[1]:.6g}"
     if scale != 1.0:
         head += f" ghm_frequency_scale={scale:.6g}"
     return "\n".join([*(f"! {note}" for note in notes), "", "\n".join([head, *lists]) + " /"]) + "\n"
@@ -180,12 +177,12 @@ def stable_steps(args: argparse.Namespace, material: Material) -> list[str]:
         copy.write_text(deck.set(group, **values).text, encoding="utf-8")
         done = call_solver(args.biela, "--check", copy)
     if done.returncode == 2:
-        said = (done.stderr.strip() or done.stdout).splitlines()[0]
-        raise DataError(f"{args.deck}: with the fitted terms the solver says: {said}")
+        message = (done.stderr.strip() or done.stdout).splitlines()[0]
+        raise DataError(f"{args.deck}: with the fitted terms the solver says: {message}")
     lines = done.stdout.splitlines()
     first = next((k for k, line in enumerate(lines) if line.startswith("stable steps")), len(lines))
-    told = [line for line in lines[first : first + 8] if line.startswith("stable") or "bound" in line or "limited" in line]
-    return [f"{args.deck}, material {group.word('name')!r}:", *told]
+    bounds = [line for line in lines[first : first + 8] if line.startswith("stable") or "bound" in line or "limited" in line]
+    return [f"{args.deck}, material {group.word('name')!r}:", *bounds]
 
 
 def shifted(args: argparse.Namespace, data: Measurements) -> tuple[MasterCurve | None, list[str]]:
@@ -267,7 +264,7 @@ def deliver(args, name: str, table: tuple, points: list, notes: list[str], densi
         raise DataError(f"{args.source}: fewer than two rows lie inside the band {args.band[0]:g} to {args.band[1]:g} Hz")
     frequency, modulus = frequency[inside], modulus[inside]
     band = (frequency.min(), frequency.max())
-    found, told = chosen_fit(args, frequency, modulus)
+    found, law_notes = chosen_fit(args, frequency, modulus)
     material = found.material
     worst = float(relative_error(material, frequency, modulus).max())
     notes = [
@@ -279,7 +276,7 @@ def deliver(args, name: str, table: tuple, points: list, notes: list[str], densi
         f"fastest pole {material.fastest_pole:.4g} 1/s; {material.internal_variables} internal variables a deformation",
         *outside_poles(material, band),
         *falling_storage(material, band),
-        *told,
+        *law_notes,
         *notes,
     ]
     if found.error > args.target and not args.terms:

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
-from .number_text import KEPT, read_rows
+from .number_text import REUSED, read_rows
 from .result_files import EVENTS, RESULT_FILES, HistoryError
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class History:
     def __getitem__(self, name: str) -> np.ndarray:
         """Return one column, shape (rows,); HistoryError with the nearest names where there is none of that name."""
         if name not in self.names:
-            raise HistoryError(f"{self.path}: no column {name!r}; {self._have()}")
+            raise HistoryError(f"{self.path}: no column {name!r}; {self._known_columns()}")
         return self.data[:, self.names.index(name)]
 
     @functools.cached_property
@@ -105,11 +105,11 @@ class History:
         for pattern in patterns:
             found = fnmatch.filter(self.names, pattern)
             if not found:
-                raise HistoryError(f"{self.path}: no column matches {pattern!r}; {self._have()}")
+                raise HistoryError(f"{self.path}: no column matches {pattern!r}; {self._known_columns()}")
             chosen.update(found)
         return [name for name in self.names if name in chosen]
 
-    def _have(self) -> str:
+    def _known_columns(self) -> str:
         shown = ", ".join(self.names[:12])
         return f"it has {shown}" + (f" and {len(self.names) - 12} more" if len(self.names) > 12 else "")
 
@@ -198,7 +198,7 @@ def _large_table(path: Path, first: int, width: int, separator: str | None) -> n
         return rows
 
     begins = range(first, path.stat().st_size, BLOCK)
-    np.empty(KEPT, np.uint8)  # given back at once: the memory of one block is kept for the next
+    np.empty(REUSED, np.uint8)  # freed at once: the memory of one block is used again for the next
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         data = np.empty((1 + sum(pool.map(lambda begin: text(begin).count(b"\n"), begins)), width), order="F")
         size = 0
@@ -334,7 +334,7 @@ def _header(path: Path, lines: list[str], separator: str | None) -> list[tuple[s
 def _rows(path: Path, first: int, width: int, separator: str | None) -> np.ndarray:
     """Return the numbers after the first lines, shape (rows, width); where they cannot be read, name the faulty line."""
     with contextlib.suppress(ValueError), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a file without rows is told below
+        warnings.simplefilter("ignore")  # a file without rows is named below
         data = np.loadtxt(str(path), delimiter=separator, ndmin=2, comments=None, skiprows=first, encoding="utf-8")
         if data.shape[1] == width and np.isfinite(data).all() and data.size:
             return data

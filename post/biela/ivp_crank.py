@@ -7,9 +7,6 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -139,7 +136,7 @@ def work(args: argparse.Namespace) -> int:
         (args.output / "table.txt").write_text(text + "\n", encoding="utf-8")
         draw(found, args.output / "ivp_crank.png")
     except (InterruptedRunsError, KeyboardInterrupt):
-        print("\nivp_crank: interrupted; what was run is kept", file=sys.stderr)
+        print("\nivp_crank: interrupted; what was run is stored", file=sys.stderr)
         return 130
     print(text)
     print(f"{args.output}/table.txt, ivp_crank.png")

@@ -11,12 +11,12 @@ from matplotlib.text import Annotation, Text
 
 SIZE = 8  # of the letters [point]
 GROWTH = 1.25  # of a figure in which the names have no room
-MOST = 20.0  # longer side of a figure [inch]
+LARGEST_SIDE = 20.0  # longer side of a figure [inch]
 
 
 @dataclass(frozen=True)
 class Label:
-    """A name at a place of the axis, in a colour."""
+    """A name at a point of the axis, in a colour."""
 
     at: np.ndarray
     text: str
@@ -58,7 +58,7 @@ def overlaps(boxes: list[tuple[str, np.ndarray]]) -> list[tuple[str, str]]:
 
 
 def write(axis: plt.Axes, labels: list[Label]) -> list[Text]:
-    """Write labels where they are free of each other, with a thin line to their place; where there is no room, the figure grows.
+    """Write labels where they are free of each other, with a thin line to what they name; where there is no room, the figure grows.
 
     Args:
         axis: everything else is drawn there
@@ -73,11 +73,11 @@ def write(axis: plt.Axes, labels: list[Label]) -> list[Text]:
     while True:
         figure.draw_without_rendering()
         lines, marks = obstacles(axis)
-        places = np.array([label.at for label in labels])
-        marks = np.concatenate([marks, places])
+        points = np.array([label.at for label in labels])
+        marks = np.concatenate([marks, points])
         _, _, texts, leaders = textalloc.allocate(
             axis,
-            *places.T,
+            *points.T,
             [label.text for label in labels],
             x_scatter=marks[:, 0],
             y_scatter=marks[:, 1],
@@ -95,7 +95,7 @@ def write(axis: plt.Axes, labels: list[Label]) -> list[Text]:
         width, height = figure.get_size_inches()
         if (
             not overlaps([(text.get_text(), text.get_window_extent().extents) for text in texts])
-            or max(width, height) * GROWTH > MOST
+            or max(width, height) * GROWTH > LARGEST_SIDE
         ):
             return texts
         for artist in [*texts, *leaders]:

@@ -38,7 +38,7 @@ def draw(table: History, transient: dict) -> plt.Figure | None:
     causes = sorted(((sum(each.values()), cause) for cause, each in losses(table, transient).items()), reverse=True)[:MOST_BARS]
     if not shown or not causes:
         return None
-    whole = float(table["dissipated"][-1])
+    total = float(table["dissipated"][-1])
     with plt.rc_context(LOOK):
         size = (8.0, max(2.6, 1.1 + 0.28 * len(causes)))
         figure, (left, right) = plt.subplots(1, 2, figsize=size, layout="constrained", width_ratios=(1.0, 1.0))
@@ -46,17 +46,17 @@ def draw(table: History, transient: dict) -> plt.Figure | None:
         left.margins(x=0.0)
         left.set_xlabel("t [s]")
         left.set_ylabel("energy lost [J]")
-        places = np.arange(len(causes))[::-1]
-        right.barh(places, [energy for energy, _ in causes], color=[GROUPS[group_of(cause)] for _, cause in causes])
-        right.set_yticks(places, [cause for _, cause in causes])
-        for place, (energy, _) in zip(places, causes):
-            words = f" {energy:.3g} J, {100.0 * energy / whole:.3g} %" if whole > 0.0 else f" {energy:.3g} J"
-            right.annotate(words, (max(energy, 0.0), place), va="center", fontsize=8)
+        heights = np.arange(len(causes))[::-1]
+        right.barh(heights, [energy for energy, _ in causes], color=[GROUPS[group_of(cause)] for _, cause in causes])
+        right.set_yticks(heights, [cause for _, cause in causes])
+        for height, (energy, _) in zip(heights, causes):
+            words = f" {energy:.3g} J, {100.0 * energy / total:.3g} %" if total > 0.0 else f" {energy:.3g} J"
+            right.annotate(words, (max(energy, 0.0), height), va="center", fontsize=8)
         right.margins(x=0.45)
         right.set_xlim(left=min(0.0, *(energy for energy, _ in causes)))
         right.set_xlabel("lost by the end [J]")
         right.grid(visible=False, axis="y")
         handles = [plt.Rectangle((0, 0), 1, 1, color=GROUPS[name]) for name in shown]
-        words = [f"{name}: {100.0 * energy[-1] / whole:.3g} %" if whole > 0.0 else name for name, energy in shown.items()]
+        words = [f"{name}: {100.0 * energy[-1] / total:.3g} %" if total > 0.0 else name for name, energy in shown.items()]
         figure.legend(handles, words, loc="outside upper center", ncols=len(shown))
     return figure

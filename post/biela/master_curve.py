@@ -94,8 +94,8 @@ def master_curve(data: Measurements, law: str, reference: float) -> MasterCurve:
         return spectrum_misfit(data.frequency * 10.0 ** spread(x, data.temperature), data.modulus)
 
     found = least_squares(misfit, start, bounds=bounds, x_scale=sizes, diff_step=1.0e-3, xtol=1.0e-5, ftol=1.0e-6)
-    places = np.append(reference, sets)
-    own = spread(found.x, places)
+    temperatures = np.append(reference, sets)
+    own = spread(found.x, temperatures)
     own, zero = own[1:], own[0]
     rows = data.frequency * 10.0 ** (spread(found.x, data.temperature) - zero)
     _check_overlap(data, law, rows)
@@ -104,7 +104,7 @@ def master_curve(data: Measurements, law: str, reference: float) -> MasterCurve:
         second = constants[1] + reference - sets[base]
         constants = np.array([constants[0] * constants[1] / second, second])
     misfits = np.array([rms(found.fun.reshape(2, -1)[:, data.group == k]) for k in range(sets.size)])
-    moves = approx_fprime(found.x, lambda x: spread(x, sets) - spread(x, places[:1]))
+    moves = approx_fprime(found.x, lambda x: spread(x, sets) - spread(x, temperatures[:1]))
     spare = max(found.fun.size - found.x.size - 2 * sets.size, 1)  # about two numbers of the spectrum for each set
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * (found.fun @ found.fun) / spare
     errors = np.sqrt(np.einsum("ij,jk,ik->i", moves, covariance, moves))
@@ -117,13 +117,13 @@ def _step(data: Measurements, k: int) -> float:
     cold, warm = data.group == k, data.group == k + 1
     low, high = (np.log10(data.frequency[part]) for part in (cold, warm))
     modulus = np.append(data.modulus[cold], data.modulus[warm])
-    whole = low.max() - low.min() + high.max() - high.min()  # shifts between the two at which the sets only touch
+    total_width = low.max() - low.min() + high.max() - high.min()  # shifts between the two at which the sets only touch
 
     def misfit(step: float) -> float:
         return rms(spectrum_misfit(10.0 ** np.append(low, high + step), modulus)) + FLOOR
 
     first = low.min() - high.max()  # the warm set ends where the cold one begins
-    steps = first + whole * np.linspace(0.0, 1.0, max(5, round(20 * whole)) + 1)
+    steps = first + total_width * np.linspace(0.0, 1.0, max(5, round(20 * total_width)) + 1)
     misfits = np.array([misfit(step) for step in steps])
     best = int(np.argmin(misfits))
     apart = min(misfits[0], misfits[-1], misfit(first - 0.5), misfit(steps[-1] + 0.5))

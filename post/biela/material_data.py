@@ -197,12 +197,12 @@ def _groups(path: Path, kelvin: np.ndarray, labels: np.ndarray, tolerance: float
     """
     if np.isnan(kelvin).any():
         return np.zeros(kelvin.size, dtype=int)
-    place = kelvin.copy()
+    nominal = kelvin.copy()
     for label in np.unique(labels[labels != ""]):
-        place[labels == label] = kelvin[labels == label].mean()
-    order = np.argsort(place, kind="stable")
+        nominal[labels == label] = kelvin[labels == label].mean()
+    order = np.argsort(nominal, kind="stable")
     group = np.empty(kelvin.size, dtype=int)
-    group[order] = np.append(0, np.cumsum(np.diff(place[order]) > tolerance))
+    group[order] = np.append(0, np.cumsum(np.diff(nominal[order]) > tolerance))
     for k in range(group.max() + 1):
         width = np.ptp(kelvin[group == k])
         if width > 4.0 * tolerance:

@@ -1,7 +1,7 @@
 """What a picture shows of a mechanism: the bodies of motion.txt over time, joined as the solver assembled them.
 
 motion.txt holds the frame of every body (`NAME.x NAME.y NAME.angle`) and its nodes (`NAME.1.x NAME.1.y ...`). The assembled scene,
-which the solver writes into summary.json, adds what has no columns of its own: undeformed nodes, elements, places of joints on
+which the solver writes into summary.json, adds what has no columns of its own: undeformed nodes, elements, markers of joints on
 rigid bodies, massless links, springs, slider lines, lumps, the ground.
 """
 
@@ -29,14 +29,14 @@ class Body:
         local: its nodes in its own axes [m], shape (rows, nodes, 2); no nodes on a plain rigid body
         rest: the undeformed nodes in its axes [m], shape (nodes, 2)
         elements: pairs of node indices from 0; None: a straight beam, drawn as a smooth curve
-        places: points of a rigid body that its joints, loads and sensors name [m], in its axes
+        points: those of a rigid body that its joints, loads and sensors name [m], in its axes
     """
 
     frame: np.ndarray
     local: np.ndarray
     rest: np.ndarray
     elements: list[tuple[int, int]] | None = None
-    places: list[np.ndarray] = field(default_factory=list)
+    points: list[np.ndarray] = field(default_factory=list)
 
     def to_global(self, row: int, points: np.ndarray) -> np.ndarray:
         """Return points given in body axes, shape (n, 2) [m], in global axes."""
@@ -46,7 +46,7 @@ class Body:
 
 
 @dataclass
-class Place:
+class Marker:
     """A node or point of a body, or a fixed point of the ground (body None)."""
 
     body: Body | None
@@ -74,23 +74,23 @@ ON_LIMIT = 1e-9  # so near to its limit a stop is touched [m, rad]: digits of mo
 class Stop:
     """A stop that limits a position along a line through b, the distance from b, or an angle: None where there is no limit."""
 
-    a: Place
-    b: Place
+    a: Marker
+    b: Marker
     direction: float | None  # from the frame of b's body [rad]; None: a clearance or an angle
     lower: float | None
     upper: float | None
     angular: bool = False
     name: str = ""
-    pivot: Place | None = None  # where an angle turns, on the body of a; None: a
+    pivot: Marker | None = None  # where an angle turns, on the body of a; None: a
     struck: np.ndarray = field(default_factory=lambda: np.zeros(0))  # times of its events, at which it touches or lets go [s]
 
     def walls(self, scene: Mechanism, row: int, half: float) -> tuple[list[np.ndarray], bool]:
         """Return walls of half that length, each of shape (n, 2) [m], the nearest first, and whether a touches it."""
-        a, b = scene.at(self.a, row), scene.at(self.b, row)
+        a, b = scene.position(self.a, row), scene.position(self.b, row)
         limits = [limit for limit in (self.lower, self.upper) if limit is not None]
         if self.angular:
             x = self.a.angle(row) - self.b.angle(row)
-            a = scene.at(self.pivot or self.a, row)
+            a = scene.position(self.pivot or self.a, row)
             arm = direction_of(np.nanmean(scene.outline(self.a.body, row), axis=0) - a, self.a.body.frame[row, 2], half)
             angles = [arm + limit - x for limit in limits]
             rays = [np.array([np.cos(angle), np.sin(angle)]) for angle in angles]
@@ -123,7 +123,7 @@ class Stop:
 
 @dataclass
 class Mechanism:
-    """Bodies and sensors' places by name in lower case, massless links and springs as pairs of places, slider lines, pins, lumps.
+    """Bodies and sensors' markers by name in lower case, massless links and springs as pairs of markers, slider lines, pins, lumps.
 
     Traces are paths that are drawn whole, each of shape (rows, 2) [m].
     """
@@ -131,12 +131,12 @@ class Mechanism:
     time: np.ndarray
     bodies: dict[str, Body]
     exaggerate: float = 1.0
-    links: list[tuple[Place, Place]] = field(default_factory=list)
-    springs: list[tuple[Place, Place]] = field(default_factory=list)
-    sliders: list[tuple[Place, Place, float]] = field(default_factory=list)
-    pins: list[Place] = field(default_factory=list)
-    lumps: list[Place] = field(default_factory=list)
-    sensors: dict[str, Place] = field(default_factory=dict)
+    links: list[tuple[Marker, Marker]] = field(default_factory=list)
+    springs: list[tuple[Marker, Marker]] = field(default_factory=list)
+    sliders: list[tuple[Marker, Marker, float]] = field(default_factory=list)
+    pins: list[Marker] = field(default_factory=list)
+    lumps: list[Marker] = field(default_factory=list)
+    sensors: dict[str, Marker] = field(default_factory=dict)
     traces: list[np.ndarray] = field(default_factory=list)
     stops: list[Stop] = field(default_factory=list)
 
@@ -144,18 +144,18 @@ class Mechanism:
         """Return a body's nodes in its axes with the deflections exaggerated, shape (nodes, 2) [m]."""
         return body.rest + self.exaggerate * (body.local[row] - body.rest)
 
-    def at(self, place: Place, row: int) -> np.ndarray:
-        """Return where a place is, shape (2,) [m]."""
-        if place.body is None:
-            return place.point
-        if place.node is None:
-            return place.body.to_global(row, place.point[None])[0]
-        return place.body.to_global(row, self.nodes(place.body, row))[place.node]
+    def position(self, marker: Marker, row: int) -> np.ndarray:
+        """Return where a marker is, shape (2,) [m]."""
+        if marker.body is None:
+            return marker.point
+        if marker.node is None:
+            return marker.body.to_global(row, marker.point[None])[0]
+        return marker.body.to_global(row, self.nodes(marker.body, row))[marker.node]
 
     def outline(self, body: Body, row: int) -> np.ndarray:
         """Return the line to draw for a body, shape (n, 2) [m], NaN rows between separate pieces."""
         if not len(body.rest):
-            return body.to_global(row, hull(np.array([np.zeros(2), *body.places])))
+            return body.to_global(row, hull(np.array([np.zeros(2), *body.points])))
         nodes = self.nodes(body, row)
         if body.elements is not None:
             gap = np.full(2, np.nan)
@@ -169,9 +169,9 @@ class Mechanism:
         """Return the lower left and upper right corner of all that ever moves or is fixed [m]."""
         rows = range(0, len(self.time), max(1, len(self.time) // 100))
         points = [self.outline(body, row) for row in rows for body in self.bodies.values()]
-        points += [self.at(place, 0)[None] for pair in self.links + self.springs for place in pair]
-        points += [self.at(base, 0)[None] for _, base, _ in self.sliders]
-        points += [self.at(place, 0)[None] for place in self.pins]
+        points += [self.position(marker, 0)[None] for pair in self.links + self.springs for marker in pair]
+        points += [self.position(base, 0)[None] for _, base, _ in self.sliders]
+        points += [self.position(marker, 0)[None] for marker in self.pins]
         everything = np.concatenate(points)
         return np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
 
@@ -221,11 +221,7 @@ def hull(points: np.ndarray) -> np.ndarray:
 
 
 def from_motion(motion: History, exaggerate: float = 1.0) -> Mechanism:
-    """Return the bodies of a motion file alone.
-
-    Raises:
-        HistoryError: the columns are not those of a motion file.
-    """
+    """Return the bodies of a motion file alone. HistoryError: the columns are not those of a motion file."""
     bodies: dict[str, Body] = {}
     for name in (column[: -len(".angle")] for column in motion.names if column.endswith(".angle")):
         frame = np.column_stack([motion[f"{name}.{part}"] for part in ("x", "y", "angle")])
@@ -273,7 +269,7 @@ def add_scene(mechanism: Mechanism, figures: dict, path: Path) -> None:
 
 
 def _add_items(mechanism: Mechanism, scene: dict) -> None:
-    """Add nodes, joints, springs, lumps and places of sensors; any exception where the scene is not that of the motion."""
+    """Add nodes, joints, springs, lumps and markers of sensors; any exception where the scene is not that of the motion."""
     frames = {}
     for item in scene["bodies"]:
         name = item["name"].lower()
@@ -287,20 +283,20 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
         if item["kind"].lower() == "frame":
             body.elements = [(i - 1, j - 1) for i, j in item["elements"]]
 
-    def place(item: dict) -> Place:
+    def marker(item: dict) -> Marker:
         """Return where something acts; noted on a rigid body, whose outline contains it."""
         at = np.array(item["at"], dtype=float).reshape(2)
         if item["body"] is None:
-            return Place(None, None, at)
+            return Marker(None, None, at)
         body = mechanism.bodies[item["body"].lower()]
         if item["node"] > 0:
-            return Place(body, item["node"] - 1, np.zeros(2))
+            return Marker(body, item["node"] - 1, np.zeros(2))
         point = to_local(frames[item["body"].lower()], at[None])[0]
-        body.places.append(point)
-        return Place(body, None, point)
+        body.points.append(point)
+        return Marker(body, None, point)
 
     for joint in scene["joints"]:
-        a, b = place(joint["a"]), place(joint["b"])
+        a, b = marker(joint["a"]), marker(joint["b"])
         if joint["kind"] == "distance":
             mechanism.links.append((a, b))
             mechanism.pins += [a, b]
@@ -310,20 +306,20 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
         elif joint["kind"] != "gear":  # which joins angles, wherever its bodies are
             mechanism.pins.append(b)
     for spring in scene["springs"]:
-        a, b = place(spring["a"]), place(spring["b"])
+        a, b = marker(spring["a"]), marker(spring["b"])
         if spring["kind"] == "linear":
             mechanism.springs.append((a, b))
     for stop in scene.get("stops", []):  # older runs do not tell them
-        a, b = place(stop["a"]), place(stop["b"])
+        a, b = marker(stop["a"]), marker(stop["b"])
         turned = frames[stop["b"]["body"].lower()][2] if b.body else 0.0
         direction = stop["direction"] - turned if stop["kind"] == "position" else None
         angular = stop["kind"] == "rotation"
-        pivot = place(hinge(scene, stop)) if angular else None
+        pivot = marker(hinge(scene, stop)) if angular else None
         mechanism.stops.append(Stop(a, b, direction, stop["lower"], stop["upper"], angular, stop["name"], pivot))
     for item in [*(drive["a"] for drive in scene["drives"]), *(force["at"] for force in scene["forces"])]:
-        place(item)
-    mechanism.lumps += [place(lump["at"]) for lump in scene.get("lumps", [])]  # older runs do not tell them
-    mechanism.sensors |= {sensor["name"].lower(): place(sensor["at"]) for sensor in scene["sensors"]}
+        marker(item)
+    mechanism.lumps += [marker(lump["at"]) for lump in scene.get("lumps", [])]  # older runs do not tell them
+    mechanism.sensors |= {sensor["name"].lower(): marker(sensor["at"]) for sensor in scene["sensors"]}
 
 
 def hinge(scene: dict, stop: dict) -> dict:
@@ -347,18 +343,18 @@ def to_local(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def add_trace(scene: Mechanism, name: str) -> None:
-    """Let the path of a sensor's place, of a body's node (BODY.NODE) or of its frame (BODY) be drawn.
+    """Let the path of a sensor's marker, of a body's node (BODY.NODE) or of its frame (BODY) be drawn.
 
     Raises:
-        HistoryError: there is no such place.
+        HistoryError: there is no such marker.
     """
     body, _, node = name.lower().rpartition(".")
-    place = scene.sensors.get(name.lower())
-    if place is None and name.lower() in scene.bodies:
-        place = Place(scene.bodies[name.lower()], None, np.zeros(2))
-    elif place is None and body in scene.bodies and node.isdecimal() and 0 < int(node) <= len(scene.bodies[body].rest):
-        place = Place(scene.bodies[body], int(node) - 1, np.zeros(2))
-    if place is None:
+    marker = scene.sensors.get(name.lower())
+    if marker is None and name.lower() in scene.bodies:
+        marker = Marker(scene.bodies[name.lower()], None, np.zeros(2))
+    elif marker is None and body in scene.bodies and node.isdecimal() and 0 < int(node) <= len(scene.bodies[body].rest):
+        marker = Marker(scene.bodies[body], int(node) - 1, np.zeros(2))
+    if marker is None:
         known = ", ".join([*scene.sensors, *(f"{key}.1" if len(b.rest) else key for key, b in scene.bodies.items())])
-        raise HistoryError(f"no place {name!r} to trace; there are {known}")
-    scene.traces.append(spline(np.array([scene.at(place, row) for row in range(len(scene.time))])))
+        raise HistoryError(f"no marker {name!r} to trace; there are {known}")
+    scene.traces.append(spline(np.array([scene.position(marker, row) for row in range(len(scene.time))])))

@@ -6,13 +6,11 @@ import argparse
 from pathlib import Path
 
 import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
 from . import labels
-from .animate import Picture, tiles
+from .animate import SHEET_LOOK, Picture, panels_to_scale
 from .histories import History, read
 from .mechanism import Mechanism, from_run
 from .picture_files import save
@@ -111,11 +109,9 @@ def draw_shapes(table: History, rows: list[int], title: str = "") -> plt.Figure:
     scenes = [moved(table, row) for row in rows]
     corners = np.array([scene.extent() for scene in scenes])
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
-    lines, columns, width, height = tiles(len(rows), low, high)
-    with plt.rc_context(LOOK | {"axes.grid": False, "font.size": 9}):
-        size = (width * columns + 0.5, (height + 0.3) * lines + 0.6)
-        figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
-        for axis, row, scene in zip(axes.flat, rows, scenes):
+    with plt.rc_context(SHEET_LOOK):
+        figure, axes = panels_to_scale(len(rows), low, high, 0.3, title)
+        for axis, row, scene in zip(axes, rows, scenes):
             picture = Picture(axis, scene, (low, high))
             picture.show(2)
             ghosts = [line.get_xydata().copy() for line in picture.bodies]
@@ -127,12 +123,6 @@ def draw_shapes(table: History, rows: list[int], title: str = "") -> plt.Figure:
                 still = k >= len(picture.bodies)
                 axis.plot(*ghost.T, "-" if still else "--", color="#bbbbbb", lw=1.6 if still else 1.0, zorder=1)
             axis.set_title(caption(table, row), fontsize=9)
-        for axis in axes.flat[len(rows) :]:
-            axis.axis("off")
-        figure.supxlabel("x [m]", fontsize=9)
-        figure.supylabel("y [m]", fontsize=9)
-        if title:
-            figure.suptitle(title, fontsize=10)
     return figure
 
 
@@ -163,8 +153,8 @@ def number_poles(axis: plt.Axes, modes: np.ndarray, real: np.ndarray, imag: np.n
         near = next((g for g in groups if np.hypot(*(at[g[-1]] - at[k])) < MARK), None)
         near.append(k) if near else groups.append([k])
     names = [", ".join(map(str, sorted(set(modes[group])))) for group in groups]
-    places = [np.array([real[group].max(), imag[group].max()]) for group in groups]
-    labels.write(axis, [labels.Label(place, name, "black") for place, name in zip(places, names)])
+    points = [np.array([real[group].max(), imag[group].max()]) for group in groups]
+    labels.write(axis, [labels.Label(point, name, "black") for point, name in zip(points, names)])
 
 
 def draw_poles(table: History, title: str = "") -> plt.Figure:

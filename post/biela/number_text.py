@@ -23,7 +23,7 @@ FIELDS = np.dtype(
 )
 POWERS = np.array([float(f"1e{k}") for k in range(-324, 309)])
 PART = 200_000  # numbers that are turned at a time: enough that threads seldom wait for each other, few enough for the cache
-KEPT = 16_000_000  # bytes: the C library keeps freed memory of twice the largest block that was given back, else 128 kB
+REUSED = 16_000_000  # bytes: the C library keeps freed memory of twice the largest block that was given back, else 128 kB
 
 
 def numbers(words: np.ndarray) -> np.ndarray:
@@ -107,6 +107,6 @@ def read_rows(path: Path, first: int, width: int) -> np.ndarray | None:
                     return False
         return True
 
-    np.empty(KEPT, np.uint8)  # given back at once: the memory of one part is kept for the next, which saves a third of the time
+    np.empty(REUSED, np.uint8)  # freed at once: the memory of one part is used again for the next, which saves a third of the time
     with ThreadPoolExecutor(workers) as pool:
         return found if all(pool.map(fill, range(0, size, share))) else None

@@ -5,15 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
 from .design_space import Space
 from .picture_files import save
-from .plot import COLOURS, LOOK, pretty_unit, stacked
+from .plot import COLOURS, LOOK, axis_label, pretty_unit, stacked
 from .sweep_study import Study
 
 if TYPE_CHECKING:
@@ -61,7 +58,7 @@ def history(found: Optimum, runs: DesignRuns, path: Path) -> Path:
         top.set_ylim(low - room, high + room)
         if failed.any():
             top.plot(number[failed], np.full(failed.sum(), low - 0.7 * room), "x", color="black", ms=5, label="failed")
-        top.set_ylabel(_label(names[goal.column], units[goal.column]))
+        top.set_ylabel(axis_label(names[goal.column], units[goal.column]))
         figure.suptitle(
             f"{found.study.name}: {'min' if goal.sign > 0 else 'max'} {names[goal.column]}, {runs.count} runs", fontsize=10
         )
@@ -76,18 +73,14 @@ def history(found: Optimum, runs: DesignRuns, path: Path) -> Path:
         if found.space.free:
             axis = rest.pop(0)
             for k, one in enumerate(found.space.free[:CURVES]):
-                places = [found.space.unit(k, design.point[one.name]) for design in made]
-                axis.plot(number, places, ".", ms=5, color=COLOURS[k % len(COLOURS)],
+                shares = [found.space.unit(k, design.point[one.name]) for design in made]
+                axis.plot(number, shares, ".", ms=5, color=COLOURS[k % len(COLOURS)],
                           label=f"{one.name}, {one.ends[0]:.4g} to {one.ends[1]:.4g} {pretty_unit(one.unit)}".rstrip())  # fmt: skip
-            axis.set(ylabel="place in its range", ylim=(-0.05, 1.05))
+            axis.set(ylabel="share of its range", ylim=(-0.05, 1.05))
         axes[-1, 0].set_xlabel("run")
         for axis in axes[:, 0]:
             axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
     return save(figure, path)
-
-
-def _label(name: str, unit: str) -> str:
-    return f"{name} [{pretty_unit(unit)}]" if unit else name
 
 
 def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: str, path: Path) -> Path:
@@ -116,7 +109,7 @@ def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: 
             axis.errorbar(changes, range(len(part)), xerr=errors, fmt="none", ecolor="black", capsize=3, lw=1.0)
             axis.set_yticks(range(len(part)), [f"{row[1]} + {row[5]:.3g} {pretty_unit(unit_of[row[1]])}".rstrip() for row in part])
             axis.axvline(0.0, color="black", lw=0.8)
-            axis.set_xlabel(f"change of {_label(scalar.name, units[k])}")
+            axis.set_xlabel(f"change of {axis_label(scalar.name, units[k])}")
             axis.ticklabel_format(axis="x", scilimits=(-3, 4), useMathText=True)
             axis.locator_params(axis="x", nbins=5)
             axis.grid(axis="y", visible=False)

@@ -20,10 +20,10 @@ from .design_space import Space
 from .result_files import HistoryError, remove_noted
 from .sweep_run import assign, assignments, literal
 from .sweep_study import Study
-from .sweep_work import prepare, understand
+from .sweep_work import parse_goal, prepare
 
 EVERY_CHOICE = 64  # combinations of the lists, each of which is searched
-SPREAD = 2.0  # sigma of the distance within which a better place of the sample rules a start out
+SPREAD = 2.0  # sigma of the distance within which a better position of the sample rules a start out
 ACTIVE = 1.0e-4  # distance from a limit at which it holds the optimum back, of the value's size; or the error of its run
 POLL = (0.05, 2.0e-4)  # first and last step of polls, in parts of the ranges
 SOFT = 1.0e-3  # weight of the size of a plane's normal, to that of runs on its wrong side
@@ -41,7 +41,7 @@ class Optimum:
         space: of its designs
         goal: what is best
         best: the best design, None where no run came to its end
-        units: its place in the cube
+        position: of the best design in the unit cube
         choice: of the lists
         searches: in their order
         slopes: at the optimum, None without free parameters or runs
@@ -55,7 +55,7 @@ class Optimum:
     space: Space
     goal: Goal
     best: Design | None = None
-    units: np.ndarray = field(default_factory=lambda: np.empty(0))
+    position: np.ndarray = field(default_factory=lambda: np.empty(0))
     choice: tuple = ()
     searches: list[Search] = field(default_factory=list)
     slopes: Derivatives | None = None
@@ -72,11 +72,11 @@ class Optimum:
 
 def goal_of(study: Study, args: argparse.Namespace) -> Goal:
     """Return what the study or the command line asks for; HistoryError where nothing or nonsense is asked for."""
-    wish, conditions = args.best or study.best, [*study.where, *args.where]
-    if not wish:
+    goal_text, conditions = args.best or study.best, [*study.where, *args.where]
+    if not goal_text:
         names = ", ".join(one.name for one in study.scalars)
         raise HistoryError(f"{args.study}: best = 'min NAME' is missing, NAME one of {names}; or --best")
-    sign, column, tests = understand(study, wish, conditions)
+    sign, column, tests = parse_goal(study, goal_text, conditions)
     values = [*(one.values for one in study.parameters), *[()] * len(study.scalars)]
     for k, _, _ in [(column, "", 0.0), *tests]:
         if any(isinstance(value, str) for value in values[k]):
@@ -94,15 +94,15 @@ def find(runs: DesignRuns, goal: Goal) -> Optimum:
         if not space.free:
             _lists_alone(runs, space, found)
         else:
-            found.goal = goal = _look_around(runs, space, goal)
+            found.goal = goal = _sample_ranges(runs, space, goal)
             _searches(runs, space, found)
     except RunsOverError:
         found.notes.append(f"runs = {runs.study.runs}: they are used up; the search was not finished")
     _take_best(runs, found)
     if found.best and space.free and not goal.violation(found.best):
         with contextlib.suppress(RunsOverError):
-            _judge(runs, space, found)
-            _go_on(runs, space, found)
+            _analyse_optimum(runs, space, found)
+            _continue_search(runs, space, found)
     return found
 
 
@@ -111,23 +111,23 @@ def _take_best(runs: DesignRuns, found: Optimum) -> None:
     good = [one for one in runs.made if one.ok]
     if good:
         found.best = min(good, key=found.goal.merit)
-        found.units, found.choice = _place(found.space, found.best)
+        found.position, found.choice = _position(found.space, found.best)
 
 
-def _place(space: Space, design: Design) -> tuple[np.ndarray, tuple]:
-    """Return place and choice of a design."""
-    units = np.array([space.unit(k, design.point[one.name]) for k, one in enumerate(space.free)])
-    return np.clip(units, 0.0, 1.0), tuple(design.point[one.name] for one in space.lists)
+def _position(space: Space, design: Design) -> tuple[np.ndarray, tuple]:
+    """Return position and choice of a design."""
+    position = np.array([space.unit(k, design.point[one.name]) for k, one in enumerate(space.free)])
+    return np.clip(position, 0.0, 1.0), tuple(design.point[one.name] for one in space.lists)
 
 
-def _look_around(runs: DesignRuns, space: Space, goal: Goal) -> Goal:
+def _sample_ranges(runs: DesignRuns, space: Space, goal: Goal) -> Goal:
     """Make runs all over the ranges, one that measures its own errors, and return the goal with sizes and errors of its values."""
     choices = space.choices() if space.combinations <= EVERY_CHOICE else _sample(space, EVERY_CHOICE)
     count = max(4 * (len(space.free) + 1) // len(choices), 2) if len(choices) > 1 else 4 * (len(space.free) + 1)
     points = []
     for number, choice in enumerate(choices):
-        places = [space.start(), *space.spread_out(count - 1, seed=number)]
-        points += [space.point(place, choice) for place in places]
+        positions = [space.start(), *space.spread_out(count - 1, seed=number)]
+        points += [space.point(position, choice) for position in positions]
     designs = runs.of(points)
     good = [one for one in designs if one.ok]
     if not good:
@@ -145,15 +145,15 @@ def _sample(space: Space, count: int) -> list[tuple]:
 
 
 def _searches(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Search from the best places of each choice, from several of the best choice; then exchange items of long lists."""
+    """Search from the best positions of each choice, from several of the best choice; then exchange items of long lists."""
     goal, ranked = found.goal, sorted((one for one in runs.made if one.ok), key=found.goal.merit)
-    begins = _begins(space, ranked, runs.study.starts)
+    begins = _starting_points(space, ranked, runs.study.starts)
     if space.combinations <= EVERY_CHOICE:
         for design in ranked:
-            units, choice = _place(space, design)
+            position, choice = _position(space, design)
             if all(choice != other for _, other in begins):
-                begins.append((units, choice))
-    found.searches = [Search(k + 1, space, goal, choice, units) for k, (units, choice) in enumerate(begins)]
+                begins.append((position, choice))
+    found.searches = [Search(k + 1, space, goal, choice, position) for k, (position, choice) in enumerate(begins)]
     search_all(runs, found.searches)
     if space.combinations > EVERY_CHOICE:
         found.notes.append(
@@ -170,26 +170,27 @@ def _exchange(runs: DesignRuns, space: Space, found: Optimum, best: Design | Non
         nearest = min(runs.of(_neighbours(space, best)), key=goal.merit)
         if goal.merit(nearest) >= goal.merit(best):
             return
-        units, choice = _place(space, nearest)
+        position, choice = _position(space, nearest)
         best = nearest
         if space.free:
-            found.searches.append(Search(len(found.searches) + 1, space, goal, choice, units))
+            found.searches.append(Search(len(found.searches) + 1, space, goal, choice, position))
             search_all(runs, found.searches[-1:])
             best = min((nearest, found.searches[-1].best), key=goal.merit)
 
 
-def _begins(space: Space, ranked: list[Design], starts: int) -> list[tuple[np.ndarray, tuple]]:
-    """Return the best places without a better one of the same choice nearby: Rinnooy Kan and Timmer's distance for a sample.
+def _starting_points(space: Space, ranked: list[Design], starts: int) -> list[tuple[np.ndarray, tuple]]:
+    """Return the best positions without a better one of the same choice nearby: Rinnooy Kan and Timmer's distance for a sample.
 
     Mathematical Programming 39, 27-78 (1987): with it a search begins once in the basin of each minimum, almost surely.
     """
     count, size = len(ranked), len(space.free)
-    reach = (math.gamma(1.0 + size / 2.0) * SPREAD * math.log(max(count, 2)) / max(count, 2)) ** (1.0 / size) / math.sqrt(math.pi)
-    places = [_place(space, design) for design in ranked]
+    volume = math.gamma(1.0 + size / 2.0) * SPREAD * math.log(max(count, 2)) / max(count, 2)
+    distance = volume ** (1.0 / size) / math.sqrt(math.pi)
+    positions = [_position(space, design) for design in ranked]
     begins = []
-    for k, (units, choice) in enumerate(places):
-        if all(choice != other or np.linalg.norm(units - there) > reach for there, other in places[:k]):
-            begins.append((units, choice))
+    for k, (position, choice) in enumerate(positions):
+        if all(choice != other or np.linalg.norm(position - there) > distance for there, other in positions[:k]):
+            begins.append((position, choice))
     return begins[:starts]
 
 
@@ -200,11 +201,11 @@ def _neighbours(space: Space, design: Design) -> list[dict]:
 
 def _lists_alone(runs: DesignRuns, space: Space, found: Optimum) -> None:
     """Run all combinations, or, where there are more than runs, exchange one item at a time from several drawn ones."""
-    place = np.empty(0)
+    position = np.empty(0)
     if space.combinations <= runs.study.runs:
-        runs.of([space.point(place, choice) for choice in space.choices()])
+        runs.of([space.point(position, choice) for choice in space.choices()])
         return
-    runs.of([space.point(place, choice) for choice in _sample(space, max(runs.study.runs // 4, 1))])
+    runs.of([space.point(position, choice) for choice in _sample(space, max(runs.study.runs // 4, 1))])
     found.notes.append(
         f"the lists allow {space.combinations} combinations, runs = {runs.study.runs}: items were exchanged one at a time"
     )
@@ -213,33 +214,33 @@ def _lists_alone(runs: DesignRuns, space: Space, found: Optimum) -> None:
         _exchange(runs, space, found, design)
 
 
-def _judge(runs: DesignRuns, space: Space, found: Optimum) -> None:
+def _analyse_optimum(runs: DesignRuns, space: Space, found: Optimum) -> None:
     """Take slopes at the optimum, the limits that hold it back and their prices."""
     from scipy.optimize import nnls
 
     goal, best = found.goal, found.best
     (checked,) = runs.of([best.point], check=True)
     found.errors = checked.errors if checked.ok else goal.errors
-    found.slopes = derivatives(runs, space, best, found.units, found.choice, found.errors, goal.scales)
-    reach = np.array([space.slope(k, unit) for k, unit in enumerate(found.units)])
-    slopes, errors = found.slopes.values * reach, found.slopes.errors * reach
+    found.slopes = derivatives(runs, space, best, found.position, found.choice, found.errors, goal.scales)
+    widths = np.array([space.slope(k, unit) for k, unit in enumerate(found.position)])
+    slopes, errors = found.slopes.values * widths, found.slopes.errors * widths
     down = goal.sign * slopes[goal.column] / goal.scales[goal.column]
-    columns, held = [], []
+    columns, active = [], []
     for limit in goal.limits:
         margin = limit.sign * (limit.bound - best.values[limit.column])
         size = max(abs(limit.bound), goal.scales[limit.column])
         if margin <= max(ACTIVE * size, found.errors[limit.column]):
             columns.append(-limit.sign * slopes[limit.column] / goal.scales[limit.column])
-            held.append(limit)
-    for k, unit in enumerate(found.units):
+            active.append(limit)
+    for k, unit in enumerate(found.position):
         for end, sign in ((0.0, 1.0), (1.0, -1.0)):
             if abs(unit - end) <= ACTIVE:
-                columns.append(sign * np.eye(len(found.units))[k])
+                columns.append(sign * np.eye(len(found.position))[k])
     if not np.isfinite(down).all() or not np.isfinite(columns).all():
         found.residual = math.inf, 0.0
         return
     several = [down]
-    if goal.pieces(goal.column, goal.sign) and len(best.extremes[goal.column]) > 1:
+    if goal.worst_of_several(goal.column, goal.sign) and len(best.extremes[goal.column]) > 1:
         several = _slopes_of_extremes(runs, found) or several
     # the objective's slope, or one of those of its extremes that are as large, is what the limits' slopes make up
     if len(several) == 1:
@@ -252,7 +253,7 @@ def _judge(runs: DesignRuns, space: Space, found: Optimum) -> None:
         )
         factors, left = nnls(matrix, np.append(np.zeros(len(down)), heavy))
     found.residual = float(left), float(np.linalg.norm(errors[goal.column] / goal.scales[goal.column]))
-    for limit, factor in zip(held, factors):
+    for limit, factor in zip(active, factors):
         change = -goal.sign * limit.sign * factor * goal.scales[goal.column] / goal.scales[limit.column]
         found.prices[found.names[limit.column]] = float(change)
 
@@ -260,19 +261,19 @@ def _judge(runs: DesignRuns, space: Space, found: Optimum) -> None:
 def _slopes_of_extremes(runs: DesignRuns, found: Optimum) -> list[np.ndarray]:
     """Return the scaled slopes of those extremes of the objective that are as large as the largest one."""
     goal, best = found.goal, found.best
-    probe = Search(0, found.space, goal, found.choice, found.units, central=True)
+    probe = Search(0, found.space, goal, found.choice, found.position, central=True)
     size = goal.scales[goal.column]
     value = best.values[goal.column]
-    reach = max(1.0e-3 * abs(value), found.errors[goal.column])
-    near = [k for k, (_, other) in enumerate(best.extremes[goal.column]) if abs(other - value) <= reach]
-    probe._ask = lambda places: runs.of([found.space.point(place, found.choice) for place in places])
-    tables, _ = probe._slope(found.units)
+    tolerance = max(1.0e-3 * abs(value), found.errors[goal.column])
+    near = [k for k, (_, other) in enumerate(best.extremes[goal.column]) if abs(other - value) <= tolerance]
+    probe._ask = lambda positions: runs.of([found.space.point(position, found.choice) for position in positions])
+    tables, _ = probe._slope(found.position)
     return [goal.sign * tables[0][k] for k in near] if size > 0.0 and len(near) > 1 else []
 
 
-def _go_on(runs: DesignRuns, space: Space, found: Optimum) -> None:
+def _continue_search(runs: DesignRuns, space: Space, found: Optimum) -> None:
     """Go on from an optimum whose slope is not explained: by differences on both sides, then by polls; by these alone at a wall."""
-    walled = found.slopes is not None and _beside_a_wall(runs, space, found, found.units, POLL[0])[1].any()
+    walled = found.slopes is not None and _beside_a_wall(runs, space, found, found.position, POLL[0])[1].any()
     for attempt in (_poll,) if walled else (_search_by_both_sides, _poll):
         left, error = found.residual
         if left <= max(3.0 * error, 1.0e-3):
@@ -281,12 +282,12 @@ def _go_on(runs: DesignRuns, space: Space, found: Optimum) -> None:
         attempt(runs, space, found)
         _take_best(runs, found)
         if found.goal.merit(found.best) < before:
-            _judge(runs, space, found)
+            _analyse_optimum(runs, space, found)
 
 
 def _search_by_both_sides(runs: DesignRuns, space: Space, found: Optimum) -> None:
     """Search once more from the best design."""
-    found.searches.append(Search(len(found.searches) + 1, space, found.goal, found.choice, found.units, central=True))
+    found.searches.append(Search(len(found.searches) + 1, space, found.goal, found.choice, found.position, central=True))
     search_all(runs, found.searches[-1:])
 
 
@@ -297,22 +298,22 @@ def _poll(runs: DesignRuns, space: Space, found: Optimum) -> None:
     a little inside of it; one of two drawn ways that do not go uphill is tried beside it.
     """
     generator, step, count = np.random.default_rng(0), POLL[0], len(space.free)
-    units, merit = found.units, found.goal.merit(found.best)
+    here, merit = found.position, found.goal.merit(found.best)
     while step >= POLL[1]:
-        slope, inside = _beside_a_wall(runs, space, found, units, step)
+        slope, inside = _beside_a_wall(runs, space, found, here, step)
         along = slope @ inside * inside - slope if slope @ inside > 0.0 else -slope
         along = along / (np.linalg.norm(along) or 1.0)
         drawn = np.linalg.qr(generator.normal(size=(count, count)))[0].T[:2]
         ways = [along + share * inside for share in (0.0, 0.3)] + [-np.sign(slope @ way or 1.0) * way for way in drawn]
-        places = [np.clip(units + step * way, 0.0, 1.0) for way in ways]
-        merits = [found.goal.merit(one) for one in runs.of([space.point(place, found.choice) for place in places])]
-        k = min(range(len(places)), key=lambda k: merits[k])
+        positions = [np.clip(here + step * way, 0.0, 1.0) for way in ways]
+        merits = [found.goal.merit(one) for one in runs.of([space.point(position, found.choice) for position in positions])]
+        k = min(range(len(positions)), key=lambda k: merits[k])
         step *= SHRINK
         if merits[k] < merit:
-            units, merit, step = places[k], merits[k], min(2.0 * step, POLL[0])
+            here, merit, step = positions[k], merits[k], min(2.0 * step, POLL[0])
 
 
-def _beside_a_wall(runs: DesignRuns, space: Space, found: Optimum, units: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+def _beside_a_wall(runs: DesignRuns, space: Space, found: Optimum, here: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the unit slope of the objective and the unit normal into the side where runs do not fail, from the runs nearby.
 
     The normal is zero where no run nearby has failed. The plane is that of a support vector machine of 1-norm, by a linear
@@ -320,14 +321,14 @@ def _beside_a_wall(runs: DesignRuns, space: Space, found: Optimum, units: np.nda
     """
     from scipy.optimize import linprog
 
-    goal, count = found.goal, len(units)
-    placed = [(_place(space, one), one) for one in runs.made]
-    near = [(place - units, one) for (place, choice), one in placed
-            if choice == found.choice and np.linalg.norm(place - units) <= NEAR * step]  # fmt: skip
+    goal, count = found.goal, len(here)
+    placed = [(_position(space, one), one) for one in runs.made]
+    near = [(position - here, one) for (position, choice), one in placed
+            if choice == found.choice and np.linalg.norm(position - here) <= NEAR * step]  # fmt: skip
     good = [(way, goal.sign * one.values[goal.column]) for way, one in near if one.ok]
     bad = [way for way, one in near if not one.ok]
-    reach = np.array([space.slope(k, unit) for k, unit in enumerate(found.units)])
-    slope = goal.sign * found.slopes.values[goal.column] * reach
+    widths = np.array([space.slope(k, unit) for k, unit in enumerate(found.position)])
+    slope = goal.sign * found.slopes.values[goal.column] * widths
     if len(good) > count:
         ways, values = np.array([way for way, _ in good]), np.array([value for _, value in good])
         fitted = np.linalg.lstsq(ways - ways.mean(axis=0), values - values.mean(), rcond=1.0e-3)
@@ -335,7 +336,7 @@ def _beside_a_wall(runs: DesignRuns, space: Space, found: Optimum, units: np.nda
     slope = np.nan_to_num(slope)
     normal = np.zeros(count)
     if bad and good:
-        # normal, its size by parts above and below zero, place, by how much each run is on the wrong side
+        # normal, its size by parts above and below zero, position, by how much each run is on the wrong side
         rows = np.array([[*-way / step, -1.0] for way, _ in good] + [[*way / step, 1.0] for way in bad])
         rows = np.hstack([rows[:, :-1], -rows[:, :-1], rows[:, -1:], -np.eye(len(rows))])
         costs = [SOFT] * (2 * count) + [0.0] + [1.0] * len(rows)
@@ -359,9 +360,9 @@ def report(found: Optimum, runs: DesignRuns) -> list[str]:
         value = list(found.best.point.values())[k] if k < own else found.best.values[k]
         return f"{names[k]} = {value:.6g} {units[k]}".rstrip() if isinstance(value, float) else f"{names[k]} = {value}"
 
-    wish = f"{'min' if goal.sign > 0 else 'max'} {names[goal.column]}"
+    goal_text = f"{'min' if goal.sign > 0 else 'max'} {names[goal.column]}"
     missed = goal.violation(found.best)
-    head = f"best ({wish}): " if not missed else "no design meets all limits; the nearest one: "
+    head = f"best ({goal_text}): " if not missed else "no design meets all limits; the nearest one: "
     lines.append(head + ", ".join(map(shown, range(own))))
     lines.append("  " + ", ".join(map(shown, range(own, len(names)))))
     for limit in goal.limits:
@@ -375,8 +376,8 @@ def report(found: Optimum, runs: DesignRuns) -> list[str]:
         else:
             lines.append(words + f"not active, {name} = {value:.6g}")
     for k, one in enumerate(found.space.free):
-        if not missed and found.slopes is not None and min(found.units[k], 1.0 - found.units[k]) <= ACTIVE:
-            lines.append(f"  {one.name} is at its {'lower' if found.units[k] < 0.5 else 'upper'} end")
+        if not missed and found.slopes is not None and min(found.position[k], 1.0 - found.position[k]) <= ACTIVE:
+            lines.append(f"  {one.name} is at its {'lower' if found.position[k] < 0.5 else 'upper'} end")
     lines += _ends(found)
     left, error = found.residual
     if found.slopes is not None and left > max(3.0 * error, 1.0e-2):
@@ -396,9 +397,9 @@ def _ends(found: Optimum) -> list[str]:
     for one in found.searches:
         if one.best is None or one.ended.startswith("another") or one.central or goal.violation(one.best):
             continue
-        units, choice = _place(found.space, one.best)
-        if all(choice != other or np.abs(units - there).max() > SAME for there, other, _ in ends):
-            ends.append((units, choice, one.best.values[goal.column]))
+        position, choice = _position(found.space, one.best)
+        if all(choice != other or np.abs(position - there).max() > SAME for there, other, _ in ends):
+            ends.append((position, choice, one.best.values[goal.column]))
     count = len([one for one in found.searches if not one.central])
     if not count:
         return []

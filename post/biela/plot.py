@@ -216,10 +216,10 @@ def thinned(along: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     part = values.size // THINNED
     if part < 8 or np.any(along[1:] < along[:-1]):
         return along, values
-    whole = part * (values.size // part)
-    parts = values[:whole].reshape(-1, part)
-    begins = np.arange(0, whole, part)
-    rows = [begins + parts.argmin(axis=1), begins + parts.argmax(axis=1), np.arange(whole, values.size), [0, values.size - 1]]
+    used = part * (values.size // part)
+    parts = values[:used].reshape(-1, part)
+    begins = np.arange(0, used, part)
+    rows = [begins + parts.argmin(axis=1), begins + parts.argmax(axis=1), np.arange(used, values.size), [0, values.size - 1]]
     rows = np.unique(np.concatenate(rows))
     return along[rows], values[rows]
 
@@ -294,8 +294,8 @@ def chosen_columns(runs: list[History], patterns: list[str] | None, against: str
     still = common_still(runs) or {}
     steady = [all(run.ends[name][1] - run.ends[name][0] <= STEADY * run.size(name) for run in runs) for name in names]
     constant = [name for name, stands in zip(names, steady) if stands or name in still]
-    told = [f"{name} = {runs[0][name][0]:.6g} {pretty_unit(unit_of(runs, name))}".rstrip() for name in constant]
-    return [name for name in names if name not in constant] or names, idle + (told if len(constant) < len(names) else [])
+    constants = [f"{name} = {runs[0][name][0]:.6g} {pretty_unit(unit_of(runs, name))}".rstrip() for name in constant]
+    return [name for name in names if name not in constant] or names, idle + (constants if len(constant) < len(names) else [])
 
 
 def what_happens(event: Event) -> str:

@@ -8,9 +8,6 @@ import io
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 import jinja2
 import matplotlib.pyplot as plt
 import numpy as np
@@ -152,21 +149,21 @@ def embed(figure: plt.Figure, caption: str) -> Picture:
     return Picture(f"data:image/{name};base64,{base64.b64encode(file.getvalue()).decode()}", caption, width)
 
 
-def drawn(tables: list[History], labels: list[str], names: list[str], caption: str) -> list[Picture]:
+def column_pictures(tables: list[History], labels: list[str], names: list[str], caption: str) -> list[Picture]:
     """Return the pictures of columns, a few panels each."""
     groups = plot.panels(tables, names)
     parts = [[name for group in groups[k : k + PANELS] for name in group] for k in range(0, len(groups), PANELS)]
     return [embed(plot.draw(tables, labels, part), caption) for part in parts]
 
 
-def short(x: object) -> str:
+def table_text(x: object) -> str:
     """Return a figure for a table."""
     if x is None:
         return "–"
     return f"{x:,}" if isinstance(x, int) else f"{x:.4g}" if isinstance(x, float) else str(x)
 
 
-def key(runs: list[Run]) -> str:
+def meaning_of_letters(runs: list[Run]) -> str:
     """Return what the letters of two runs stand for."""
     return ": " + ", ".join(f"{run.letter} {run.label}" for run in runs) if len(runs) > 1 else ""
 
@@ -179,8 +176,9 @@ def findings(run: Run) -> dict[str, str]:
     scene = run.figures["scene"]
     moved = from_run(motions) if motions is not None else None
     if moved is not None:
-        reach = {body["name"].lower(): np.array(body["nodes"] or [[0.0, 0.0]], dtype=float) for body in scene["bodies"]}
-        found += engineering.of_motion(moved, {name: float(np.linalg.norm(np.ptp(nodes, axis=0))) for name, nodes in reach.items()})
+        undeformed = {body["name"].lower(): np.array(body["nodes"] or [[0.0, 0.0]], dtype=float) for body in scene["bodies"]}
+        lengths = {name: float(np.linalg.norm(np.ptp(nodes, axis=0))) for name, nodes in undeformed.items()}
+        found += engineering.of_motion(moved, lengths)
     if table is not None:
         drives = engineering.turning_drives(scene, deck)
         left_out = set(table.names[1:]) - set(plot.moving([table], table.names[1:]))
@@ -193,7 +191,7 @@ def findings(run: Run) -> dict[str, str]:
 
 
 def parse_deck(run: Run) -> deck_text.DeckText:
-    """Return the deck that a run kept, in numbers, with its parts in their places."""
+    """Return the deck of a run in numbers, with all included parts."""
     return deck_text.parse(run.figures["flat_deck"])
 
 
@@ -217,7 +215,7 @@ def results(runs: list[Run]) -> Section:
     return Section("Results", [*(part for part in warnings if part.paragraphs), Part(head=head, rows=table, pictures=pictures)])
 
 
-def glance(runs: list[Run]) -> Section:
+def solver_table(runs: list[Run]) -> Section:
     """Return the table of what both runs are and cost."""
     rows = [
         ("deck", lambda f: f["deck"]),
@@ -244,7 +242,7 @@ def glance(runs: list[Run]) -> Section:
         values = []
         for run in runs:
             try:
-                values.append(short(take(run.figures)))
+                values.append(table_text(take(run.figures)))
             except KeyError:
                 values.append("")
         if any(values):
@@ -277,7 +275,7 @@ def differences(runs: list[Run], names: list[str]) -> list[Part]:
         share = f"{100.0 * largest / span:.3g} %" if span > 0.0 else "–"
         table.append([plot.axis_label(name, first.units[name]), f"{span:.4g}", f"{largest:.4g}", share])
     shown = [name for k, name in enumerate(names) if np.any(change[:, k])][:MOST_COLUMNS]
-    pictures = drawn([gap], ["B - A"], shown, "B less A" + key(runs))
+    pictures = column_pictures([gap], ["B - A"], shown, "B less A" + meaning_of_letters(runs))
     head = ["column", "range of A", "largest difference", "of the range"]
     return [Part(heading="Differences", head=head, rows=table, pictures=pictures)]
 
@@ -301,7 +299,7 @@ def histories(runs: list[Run]) -> Section | None:
         notes.append("Not in both runs: " + ", ".join(missing) + ".")
     parts = [Part(paragraphs=notes)]
     if names:
-        parts[0].pictures = drawn(tables, labels, names[:MOST_COLUMNS], "sensors against time" + key(runs))
+        parts[0].pictures = column_pictures(tables, labels, names[:MOST_COLUMNS], "sensors against time" + meaning_of_letters(runs))
     if len(have) == 2 and names:
         parts += differences(runs, names)
     return Section("Histories", parts)
@@ -317,7 +315,7 @@ def energy(runs: list[Run]) -> Section | None:
         shown = [name for name in table.names[1:] if np.any(table[name])]
         lost = loss_picture.draw(table, run.figures.get("transient", {}))
         pictures = [embed(lost, f"{run.label}: energy lost over time, and by what")] if lost else []
-        pictures += drawn([table], [run.label], shown, f"{run.label}: energies, their residual, openings of joints")
+        pictures += column_pictures([table], [run.label], shown, f"{run.label}: energies, their residual, openings of joints")
         parts.append(Part(heading=run.label if len(runs) > 1 else "", text=run.lines("transient"), pictures=pictures))
     return Section("Energy, accuracy, validity", parts) if parts else None
 
@@ -331,7 +329,7 @@ def modal(runs: list[Run]) -> Section | None:
             continue
         found = run.figures["modes"]
         rows = [
-            [pole["kind"], *(short(pole[key]) for key in ("mode", "frequency", "damping_ratio", "real_part"))]
+            [pole["kind"], *(table_text(pole[key]) for key in ("mode", "frequency", "damping_ratio", "real_part"))]
             for pole in found["poles"]
         ]
         head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
@@ -370,15 +368,15 @@ def motion(runs: list[Run]) -> Section | None:
 def tradeoff(runs: list[Run], folder: Path | None) -> Section | None:
     """Return the table and the picture that the trade-off tool left for a deck."""
     for run in runs:
-        place = folder or run.folder.parent / "tradeoff" / run.figures["deck"]
-        if not (place / "tradeoff.txt").is_file():
+        study = folder or run.folder.parent / "tradeoff" / run.figures["deck"]
+        if not (study / "tradeoff.txt").is_file():
             continue
         pictures = []
-        for path in sorted(place.glob("*.png")):
+        for path in sorted(study.glob("*.png")):
             data = base64.b64encode(path.read_bytes()).decode()
             pictures.append(Picture(f"data:image/png;base64,{data}", "error against cost", Image.open(path).width))
-        text = (place / "tradeoff.txt").read_text(encoding="utf-8")
-        return Section("Trade-off", [Part(heading=str(place), pictures=pictures, text=text)])
+        text = (study / "tradeoff.txt").read_text(encoding="utf-8")
+        return Section("Trade-off", [Part(heading=str(study), pictures=pictures, text=text)])
     if folder:
         raise HistoryError(f"{folder}: has no tradeoff.txt")
     return None
@@ -403,7 +401,7 @@ def sections(runs: list[Run], study: Path | None) -> list[Section]:
         responses(runs),
         tradeoff(runs, study),
         energy(runs),
-        glance(runs),
+        solver_table(runs),
         Section("Stable steps", steps) if steps else None,
         Section("Decks" if len(runs) > 1 else "Deck", decks),
     ]

@@ -32,7 +32,7 @@ HEADER = [
 
 
 def design_of(study: Study, space: Space, args: argparse.Namespace) -> tuple[np.ndarray, tuple]:
-    """Return place and choice of the design at which derivatives are taken: as asked for, as the study or the deck says.
+    """Return position (unit cube) and choice of the design at which derivatives are taken: of --at, of the study, of the deck.
 
     Raises:
         HistoryError: --at names no parameter, or no value that it may have.
@@ -45,7 +45,7 @@ def design_of(study: Study, space: Space, args: argparse.Namespace) -> tuple[np.
             raise HistoryError(f"--at {word!r}: NAME=VALUE expected, NAME one of {known}")
         asked[name] = value
     own = {group.name: group.number("value") for group in deck_text.read(study.deck, biela=args.biela).all("parameter")}
-    units = space.start()
+    position = space.start()
     for k, one in enumerate(space.free):
         low, high = one.ends
         if one.name in asked:
@@ -55,16 +55,16 @@ def design_of(study: Study, space: Space, args: argparse.Namespace) -> tuple[np.
                 raise HistoryError(f"--at {one.name}: {fault}") from None
             if not low <= value <= high:
                 raise HistoryError(f"--at {one.name}={value:g}: a value from {low:g} to {high:g} expected")
-            units[k] = space.unit(k, value)
+            position[k] = space.unit(k, value)
         elif one.start is None and not one.targets and low <= own[one.name.lower()] <= high:
-            units[k] = space.unit(k, own[one.name.lower()])
+            position[k] = space.unit(k, own[one.name.lower()])
     choice = []
     for one in space.lists:
         words = {str(value): value for value in one.values}
         if asked.get(one.name, str(one.values[0])) not in words:
             raise HistoryError(f"--at {one.name}={asked[one.name]}: one of {', '.join(words)} expected")
         choice.append(words[asked.get(one.name, str(one.values[0]))])
-    return units, tuple(choice)
+    return position, tuple(choice)
 
 
 def rows_of(study: Study, space: Space, base: Design, found: Derivatives) -> list[list]:
@@ -107,16 +107,16 @@ def sensitivity(args: argparse.Namespace) -> int:
     if not space.free:
         raise HistoryError(f"{args.study}: no parameter is free: from and to expected")
     folder = args.output or Path("results") / "sensitivity" / study.name
-    units, choice = design_of(study, space, args)
+    position, choice = design_of(study, space, args)
     with DesignRuns(study, text, args, folder, "sensitivity") as runs:
         try:
-            (base,) = runs.of([space.point(units, choice)])
+            (base,) = runs.of([space.point(position, choice)])
             (checked,) = runs.of([base.point], check=True)
             if not base.ok or not checked.ok:
                 print("the design fails: " + (base.reason or checked.reason))
                 return 1
             scales = np.where(base.values != 0.0, np.abs(base.values), 1.0)
-            found = derivatives(runs, space, base, units, choice, checked.errors, scales)
+            found = derivatives(runs, space, base, position, choice, checked.errors, scales)
         except RunsOverError:
             raise HistoryError(f"{args.study}: runs = {study.runs} are too few: {8 * len(space.free) + 2} expected") from None
     rows = rows_of(study, space, base, found)

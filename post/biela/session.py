@@ -161,9 +161,9 @@ def run(
     if variables:
         given, source, words = _with_variables(_call([program, "--flat", *words, source], given).stdout, variables), "-", []
     keep = tempfile.TemporaryDirectory(prefix="biela-") if folder is None else None
-    place = Path(folder) if folder is not None else Path(keep.name) / "results"
-    done = _call([program, "--quiet", "--output", place, *words, source], given, place, keep)
-    return done if isinstance(done, Result) else Result(place, keep)
+    results = Path(folder) if folder is not None else Path(keep.name) / "results"
+    done = _call([program, "--quiet", "--output", results, *words, source], given, results, keep)
+    return done if isinstance(done, Result) else Result(results, keep)
 
 
 def _literal(name: str, value: object) -> str:
@@ -204,9 +204,9 @@ def _call(words: list, given: str | None, folder: Path | None = None, keep: obje
     except OSError as fault:
         raise BielaError(f"{words[0]}: cannot be run ({fault.strerror})") from None
     if done.returncode:
-        said = [line for line in done.stderr.splitlines() if line.strip() and ": warning: " not in line]
+        lines = [line for line in done.stderr.splitlines() if line.strip() and ": warning: " not in line]
         written = folder is not None and (folder / "summary.json").is_file()
-        message = "\n".join(said) or f"the solver ended with status {done.returncode}"
+        message = "\n".join(lines) or f"the solver ended with status {done.returncode}"
         raise SolverError(message, done.returncode, Result(folder, keep) if written else None)
     return done
 
@@ -223,8 +223,8 @@ def _tool(name: str, *words: object, **options: object) -> tuple[int, str]:
             line += [word for one in values for word in (flag, str(one))]
         elif value is not None and value is not False:
             line += [flag, *map(str, values)]
-    told, wrong = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(told), contextlib.redirect_stderr(wrong):
+    output, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
         try:
             status = import_module(f".commands.{name}", __package__).main(line)
         except SystemExit:
@@ -232,8 +232,8 @@ def _tool(name: str, *words: object, **options: object) -> tuple[int, str]:
         except ModuleNotFoundError as fault:
             raise BielaError(f"{name}: {command.missing(fault)}") from None
     if status not in (0, 1):
-        raise BielaError(wrong.getvalue().strip() or f"{name} ended with status {status}")
-    return status, told.getvalue()
+        raise BielaError(errors.getvalue().strip() or f"{name} ended with status {status}")
+    return status, output.getvalue()
 
 
 def sweep(study: str | Path, folder: str | Path | None = None, **options: object) -> pandas.DataFrame:
@@ -244,9 +244,9 @@ def sweep(study: str | Path, folder: str | Path | None = None, **options: object
     """
     import pandas
 
-    place = Path(folder or Path("results") / "sweep" / Path(study).stem)
-    _tool("sweep", study, output=place, biela=find_solver(), no_pictures=True, **options)
-    return pandas.read_csv(place / "table.csv")
+    results = Path(folder or Path("results") / "sweep" / Path(study).stem)
+    _tool("sweep", study, output=results, biela=find_solver(), no_pictures=True, **options)
+    return pandas.read_csv(results / "table.csv")
 
 
 def optimise(study: str | Path, folder: str | Path | None = None, **options: object) -> Figures:
@@ -259,9 +259,9 @@ def optimise(study: str | Path, folder: str | Path | None = None, **options: obj
     Raises:
         BielaError: the study or its deck is wrong.
     """
-    place = Path(folder or Path("results") / "optimise" / Path(study).stem)
-    _tool("optimise", study, output=place, biela=find_solver(), **options)
-    return _figures(json.loads((place / "optimum.json").read_text(encoding="utf-8")))
+    results = Path(folder or Path("results") / "optimise" / Path(study).stem)
+    _tool("optimise", study, output=results, biela=find_solver(), **options)
+    return _figures(json.loads((results / "optimum.json").read_text(encoding="utf-8")))
 
 
 def sensitivity(study: str | Path, folder: str | Path | None = None, **options: object) -> pandas.DataFrame:
@@ -272,11 +272,11 @@ def sensitivity(study: str | Path, folder: str | Path | None = None, **options: 
     """
     import pandas
 
-    place = Path(folder or Path("results") / "sensitivity" / Path(study).stem)
-    status, told = _tool("sensitivity", study, output=place, biela=find_solver(), **options)
+    results = Path(folder or Path("results") / "sensitivity" / Path(study).stem)
+    status, output = _tool("sensitivity", study, output=results, biela=find_solver(), **options)
     if status:
-        raise BielaError(told.strip())
-    return pandas.read_csv(place / "table.csv")
+        raise BielaError(output.strip())
+    return pandas.read_csv(results / "table.csv")
 
 
 def fit(table: str | Path, folder: str | Path | None = None, **options: object) -> Material:
@@ -300,6 +300,6 @@ def tradeoff(deck: str | Path, folder: str | Path | None = None, **options: obje
     Raises:
         BielaError: the deck is wrong, or has nothing to compare.
     """
-    place = Path(folder or Path("results") / "tradeoff" / Path(deck).stem)
-    _tool("tradeoff", deck, output=place, biela=find_solver(), quiet=True, **options)
-    return (place / "tradeoff.txt").read_text(encoding="utf-8")
+    results = Path(folder or Path("results") / "tradeoff" / Path(deck).stem)
+    _tool("tradeoff", deck, output=results, biela=find_solver(), quiet=True, **options)
+    return (results / "tradeoff.txt").read_text(encoding="utf-8")

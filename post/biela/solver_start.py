@@ -14,11 +14,11 @@ SHELL = """exec 3<&0
 wait "$solver"; status=$?; kill "$watch" 2>/dev/null; exit $status"""
 
 
-def start(words: list, place: Path) -> subprocess.Popen:
+def start(words: list, folder: Path) -> subprocess.Popen:
     """Start the solver in a folder, as a group of processes of its own; its standard error is a pipe."""
     return subprocess.Popen(
         ["/bin/sh", "-c", SHELL, "sh", *words],
-        cwd=place,
+        cwd=folder,
         stdin=_pipe(os.getpid())[0],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

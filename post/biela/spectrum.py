@@ -5,9 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy import signal
@@ -19,17 +16,17 @@ from .picture_files import save
 from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
 from .result_files import HistoryError
 
-LEAST = 16  # rows that a spectrum needs
-WHOLE = 2  # periods in the run that a peak needs: below, within the window's main lobe, stands what drifts
-SEEN = 1.0e-3  # share of the largest amplitude below which a frequency does not extend the axis
+LEAST_ROWS = 16  # rows that a spectrum needs
+LEAST_PERIODS = 2  # periods in the run that a peak needs: below, within the window's main lobe, stands what drifts
+VISIBLE = 1.0e-3  # share of the largest amplitude below which a frequency does not extend the axis
 SMALL = 0.05  # share of the largest peak below which amplitudes are drawn logarithmically
 EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
 
 
 def even_samples(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return evenly spaced samples: the rows themselves, or as many from a cubic spline; HistoryError where they are too few."""
-    if axis.size < LEAST:
-        raise HistoryError(f"{axis.size} rows: {LEAST} or more are needed for a spectrum")
+    if axis.size < LEAST_ROWS:
+        raise HistoryError(f"{axis.size} rows: {LEAST_ROWS} or more are needed for a spectrum")
     steps = np.diff(axis)
     if np.ptp(steps) <= EVEN * steps.max():
         return axis, values
@@ -47,19 +44,19 @@ def amplitudes(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def density(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies and power spectral density (Welch, eight overlapping Hann windows, trend removed)."""
-    length = max(LEAST, 2 * values.size // 9)
+    length = max(LEAST_ROWS, 2 * values.size // 9)
     return signal.welch(values, 1.0 / (axis[1] - axis[0]), nperseg=min(length, values.size), detrend="linear")
 
 
 def peaks(size: np.ndarray, most: int) -> list[int]:
     """Return the indices of the largest peaks; left out are those of drifts and those below a hundredth of the largest."""
     found, _ = signal.find_peaks(size, height=0.01 * size[1:].max() if size.size > 1 else 0.0)
-    return sorted(sorted(found[found >= WHOLE], key=lambda k: -size[k])[:most])
+    return sorted(sorted(found[found >= LEAST_PERIODS], key=lambda k: -size[k])[:most])
 
 
 def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return frequencies, times and amplitudes (frequencies, times) of overlapping windows, a twelfth of the run long."""
-    length = max(LEAST, values.size // 12)
+    length = max(LEAST_ROWS, values.size // 12)
     step = axis[1] - axis[0]
     transform = signal.ShortTimeFFT(signal.windows.hann(length, sym=False), max(1, length // 8), 1.0 / step, scale_to="magnitude")
     spectrum = 2.0 * np.abs(transform.stft_detrend(values, "linear"))
@@ -101,10 +98,10 @@ def nearest_mode(folder: Path, frequency: float) -> str:
     return f"modes.txt: {found} with damping ratio {modes['damping_ratio'][k]:.4g}"
 
 
-def holding(size: np.ndarray) -> int:
+def last_visible(size: np.ndarray) -> int:
     """Return the index up to which a spectrum is drawn: half as far again as where the last of what is no rounding stands."""
-    last = int(np.flatnonzero(size >= SEEN * size[1:].max())[-1])
-    return min(max(3 * last // 2, LEAST), size.size - 1)
+    last = int(np.flatnonzero(size >= VISIBLE * size[1:].max())[-1])
+    return min(max(3 * last // 2, LEAST_ROWS), size.size - 1)
 
 
 def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, abscissa: str, unit: str, most: int) -> plt.Figure:
@@ -126,7 +123,7 @@ def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, absci
                 print(f"{name}: {frequency[k]:.5g} {unit}, amplitude {size[k]:.4g} {pretty_unit(of)}")
             line[0].set_ylabel(axis_label(name, of))
             line[0].set_title("amplitude", fontsize=9)
-            line[0].set_xlim(0.0, frequency[holding(size)])
+            line[0].set_xlim(0.0, frequency[last_visible(size)])
             band, power = density(axis, values)
             line[1].semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
             squared = f"{of}²" if of.isalpha() else f"({pretty_unit(of)})²" if of else "1"
@@ -151,7 +148,7 @@ def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
     axis, values = even_samples(run.time, run[name])
     frequency, times, size = waterfall(axis, values)
     if not times.size:
-        raise HistoryError(f"{axis.size} rows: {LEAST + 1} or more are needed for a waterfall")
+        raise HistoryError(f"{axis.size} rows: {LEAST_ROWS + 1} or more are needed for a waterfall")
     across, label = times, "t [s]"
     if speed:
         across, label = np.interp(times, run.time, run[speed]), run.label(speed)
@@ -164,7 +161,7 @@ def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
         figure.colorbar(shades, label=f"amplitude of {name} [dB re 1 {pretty_unit(run.units[name])}]")
         ax.set_xlabel(label)
         ax.set_ylabel("frequency [Hz]")
-        ax.set_ylim(0.0, frequency[holding(size.max(axis=1))])
+        ax.set_ylim(0.0, frequency[last_visible(size.max(axis=1))])
     return figure
 
 

@@ -35,8 +35,8 @@ class Batch:
         assignments: of each run, by its number: parameters, NAME=VALUE, and (variable of the deck, value)
         scalars: what is measured
         keep: folder in which decks and results stay, None: they are deleted
-        lean: sensors that no scalar uses are left out of the decks
-        extremes: those of columns are told
+        only_used: sensors that no scalar uses are left out of the decks
+        extremes: whether the rows list the extremes of columns
         check: each run measures its own error, which costs three times as much
     """
 
@@ -45,7 +45,7 @@ class Batch:
     assignments: dict[int, Assignments]
     scalars: tuple[Scalar, ...]
     keep: str | None
-    lean: bool
+    only_used: bool
     extremes: bool = False
     check: bool = False
 
@@ -86,7 +86,7 @@ def assign(deck: DeckText, target: Target, value: str) -> DeckText:
     return deck.set(found[0], **{target.variable: value})
 
 
-def lean_deck(deck: DeckText, scalars: tuple[Scalar, ...]) -> DeckText:
+def without_unused_sensors(deck: DeckText, scalars: tuple[Scalar, ...]) -> DeckText:
     """Return the deck without sensors and motion files that no scalar uses."""
     if any(scalar.file not in ("history", "energy") for scalar in scalars):
         return deck
@@ -95,10 +95,10 @@ def lean_deck(deck: DeckText, scalars: tuple[Scalar, ...]) -> DeckText:
     for group in reversed(deck.all("sensor")):
         if used and group.name not in used:
             text = text[: group.start] + text[group.end :]
-    lean = parse(text)
-    for group in lean.all("transient"):
-        lean = lean.set(group, motion_step=None)
-    return lean
+    only_used = parse(text)
+    for group in only_used.all("transient"):
+        only_used = only_used.set(group, motion_step=None)
+    return only_used
 
 
 def template(batch: Batch, settings: tuple[str, ...], targets: tuple[Target, ...]) -> str:
@@ -113,7 +113,7 @@ def template(batch: Batch, settings: tuple[str, ...], targets: tuple[Target, ...
         deck = assign(deck, target, f"@{k}@")
     for group in deck.all("transient") if batch.check else []:
         deck = deck.set(group, check_error=".true.")
-    return (lean_deck(deck, batch.scalars) if batch.lean else deck).text
+    return (without_unused_sensors(deck, batch.scalars) if batch.only_used else deck).text
 
 
 def assignments(study: Study, point: dict) -> Assignments:
@@ -131,40 +131,40 @@ def literal(value: object) -> str:
 
 def run_batch(batch: Batch) -> list[Row]:
     """Run a batch and return a row of each run, also of those that fail; StudyError where the deck has no such variable."""
-    place = Path(batch.keep) if batch.keep else Path(tempfile.mkdtemp(prefix="biela-sweep-"))
-    place.mkdir(parents=True, exist_ok=True)
+    folder = Path(batch.keep) if batch.keep else Path(tempfile.mkdtemp(prefix="biela-sweep-"))
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        return _rows(batch, place)
+        return _rows(batch, folder)
     finally:
         if not batch.keep:
-            shutil.rmtree(place, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
 
 
-def _rows(batch: Batch, place: Path) -> list[Row]:
+def _rows(batch: Batch, folder: Path) -> list[Row]:
     """Write the decks, run them, read the results."""
     texts: dict[tuple[str, ...], str] = {}
-    decks, said = {}, {}
+    decks, reasons = {}, {}
     for number, (settings, values) in batch.assignments.items():
-        decks[number] = place / f"{number:06d}.nml"
+        decks[number] = folder / f"{number:06d}.nml"
         try:
             if settings not in texts:
                 texts[settings] = template(batch, settings, tuple(target for target, _ in values))
         except DeckError as fault:
-            said[number] = str(fault)
+            reasons[number] = str(fault)
             continue
         deck = texts[settings]
         for k, (_, value) in enumerate(values):
             deck = deck.replace(f"@{k}@", literal(value))
         decks[number].write_text(deck, encoding="utf-8")
-    names = [path.name for number, path in decks.items() if number not in said]
+    names = [path.name for number, path in decks.items() if number not in reasons]
     stopped = ""
     if names:
-        with solver_start.start([batch.biela, "--quiet", *names], place) as solver:
-            _, told = solver.communicate()
-        said |= _reasons(told)
+        with solver_start.start([batch.biela, "--quiet", *names], folder) as solver:
+            _, errors = solver.communicate()
+        reasons |= _reasons(errors)
         status = solver_start.status(solver)
         stopped = f"the solver was stopped by signal {-status}" if status < 0 else ""
-    return [_row(number, place / "results" / path.stem, batch, said.get(number, stopped)) for number, path in decks.items()]
+    return [_row(number, folder / "results" / path.stem, batch, reasons.get(number, stopped)) for number, path in decks.items()]
 
 
 def end_with_parent() -> None:
@@ -189,12 +189,12 @@ def _reasons(text: str) -> dict[int, str]:
     return found
 
 
-def _row(number: int, folder: Path, batch: Batch, said: str) -> Row:
+def _row(number: int, folder: Path, batch: Batch, reason: str) -> Row:
     """Return the numbers of a run that came to its end, else the reason why it did not."""
-    if not said:
+    if not reason:
         try:
             found = measure(folder, batch.scalars, batch.extremes, batch.check)
             return Row(number, found.values, found.units, "", found.extremes if batch.extremes else [], found.errors)
         except ValueError as fault:
-            said = str(fault)
-    return Row(number, [], [], said)
+            reason = str(fault)
+    return Row(number, [], [], reason)

@@ -17,7 +17,7 @@ HEAD = re.compile(rb"(?:#.*\n)*")
 MEASURES = ("peak", "rms", "range", "min", "max", "mean", "final", "value")
 MEASURES += ("decay_rate", "settling_time", "spectral_peak", "mass", "summary")
 LARGEST = ("peak", "max", "min")  # the measures that are the largest of several extremes
-EXTREMES = 6  # of a column that are told, the largest first
+EXTREMES = 6  # of a column that are listed, the largest first
 ROUNDING = 1.0e-12  # of a number that no step in time has made
 BETWEEN_ROWS = ("peak", "min", "max", "range", "value")
 HALF_THE_ROWS = 1.0 / 32.0  # error of a polynomial of degree five or six with all rows, in parts of that with every second row
@@ -78,7 +78,7 @@ class Scalar:
 
     @property
     def path(self) -> str:
-        """The place of its figures in summary.json."""
+        """The position of its figures in summary.json."""
         return self.key or "scene.bodies." + (f"{self.column}." if self.column else "*.") + "mass"
 
     def unit(self, of_column: str, of_axis: str) -> str:
@@ -113,7 +113,7 @@ class Scalar:
         return float(simple[self.measure]())
 
     def extremes(self, axis: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
-        """Return place and value of the extremes of a column from which its number is taken, the deciding one first.
+        """Return position and value of the extremes of a column from which its number is taken, the deciding one first.
 
         Each of them follows the parameters of a model smoothly, their largest does not.
 
@@ -128,11 +128,11 @@ class Scalar:
 
 
 def maxima(axis: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
-    """Return place and value of the largest local maxima of a column, ends included, the largest first.
+    """Return position and value of the largest local maxima of a column, ends included, the largest first.
 
     Args:
         axis: ascending
-        values: at each place
+        values: at each position
     """
     inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])) + 1
     ends = [k for k, next_to in ((0, 1), (-1, -2)) if values.size < 2 or values[k] >= values[next_to]]
@@ -142,7 +142,7 @@ def maxima(axis: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _summit(axis: np.ndarray, values: np.ndarray, k: int) -> tuple[float, float]:
-    """Return place and value of the maximum near the row k, by polynomials through its neighbours.
+    """Return position and value of the maximum near the row k, by polynomials through its neighbours.
 
     The parabola through three rows exceeds the row by an eighth of its drop at most. Where the polynomial through seven rows
     does not agree with it, the column has a kink or a jump, and the parabola counts.
@@ -151,8 +151,8 @@ def _summit(axis: np.ndarray, values: np.ndarray, k: int) -> tuple[float, float]
     rise = 0.0
     if not 0 < k < values.size - 1:
         return float(found[0]), float(found[1])
-    for reach in (1, NEIGHBOURS):
-        near = slice(max(k - reach, 0), k + reach + 1)
+    for neighbours in (1, NEIGHBOURS):
+        near = slice(max(k - neighbours, 0), k + neighbours + 1)
         scale = axis[k + 1] - axis[k - 1]
         law = np.polynomial.Polynomial.fit((axis[near] - axis[k]) / scale, values[near] - values[k], len(axis[near]) - 1)
         inside = law.deriv().roots()
@@ -162,7 +162,7 @@ def _summit(axis: np.ndarray, values: np.ndarray, k: int) -> tuple[float, float]
             continue
         best = inside[np.argmax(law(inside))]
         higher = float(law(best))
-        if higher > 0.0 and (reach == 1 or higher <= 2.0 * rise):
+        if higher > 0.0 and (neighbours == 1 or higher <= 2.0 * rise):
             found, rise = (axis[k] + scale * best, values[k] + higher), higher
     return float(found[0]), float(found[1])
 
@@ -223,7 +223,7 @@ class Measured:
     Attributes:
         values: of the scalars
         units: of them
-        extremes: place and value of the extremes from which each is taken, where it is one of several
+        extremes: position and value of the extremes from which each is taken, where it is one of several
         errors: of the values, as the run's own `check_error` and the digits of its files tell, where that was asked for
     """
 
@@ -309,7 +309,7 @@ def _read_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], 
 
 
 def _summary_figure(folder: Path, key: str) -> float:
-    """Return a figure of summary.json by its path of keys, an item of a list by its place or its name; '*' is the sum of all."""
+    """Return a figure of summary.json by its path of keys, an item of a list by its position or its name; '*' is the sum of all."""
     try:
         found = [json.loads((folder / "summary.json").read_text(encoding="utf-8", errors="replace"))]
         for part in key.split("."):

@@ -110,7 +110,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Study:
-    """A whole study.
+    """A study.
 
     Attributes:
         name: of the file, without its ending
@@ -118,7 +118,7 @@ class Study:
         parameters: in the order of the file
         scalars: what is measured of each run
         points: values of all parameters, one dictionary a run
-        best: 'min NAME' or 'max NAME', '' where nothing is said
+        best: 'min NAME' or 'max NAME', '' where the file states none
         where: conditions 'NAME < VALUE'
         starts: of a search
         runs: that a search may make
@@ -143,24 +143,24 @@ def read(path: Path, design: bool = True) -> Study:
     """Read a study, without the points of its design where they are not wanted; StudyError names the file and what is wrong."""
     try:
         with path.open("rb") as file:
-            said = tomllib.load(file)
+            content = tomllib.load(file)
     except FileNotFoundError:
         raise StudyError(f"{path}: no such file") from None
     except (OSError, ValueError, RecursionError) as fault:  # ValueError: of the text's encoding, of TOML, of a number's length
         raise StudyError(f"{path}: cannot be read as TOML ({fault})") from None
     try:
-        return _study(path, said, design)
+        return _study(path, content, design)
     except StudyError as fault:
         raise StudyError(f"{path}: {fault}") from None
 
 
-def _study(path: Path, said: dict, design: bool) -> Study:
+def _study(path: Path, content: dict, design: bool) -> Study:
     """Return the study that a TOML file states."""
-    _known(said, ("deck", "design", "samples", "seed", "parameter", "result", "best", "where", "starts", "runs"), "the study")
-    if not isinstance(said.get("deck"), str):
+    _known(content, ("deck", "design", "samples", "seed", "parameter", "result", "best", "where", "starts", "runs"), "the study")
+    if not isinstance(content.get("deck"), str):
         raise StudyError("deck = 'FILE.nml' is missing")
-    parameters = tuple(_parameter(entry, path.parent) for entry in _tables(said, "parameter"))
-    scalars = tuple(_scalar(entry) for entry in _tables(said, "result"))
+    parameters = tuple(_parameter(entry, path.parent) for entry in _tables(content, "parameter"))
+    scalars = tuple(_scalar(entry) for entry in _tables(content, "result"))
     if not parameters:
         raise StudyError("no [[parameter]] is given")
     if not scalars:
@@ -169,15 +169,15 @@ def _study(path: Path, said: dict, design: bool) -> Study:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise StudyError(f"the name {twice[0]!r} is given twice")
-    best, where = said.get("best", ""), said.get("where", [])
+    best, where = content.get("best", ""), content.get("where", [])
     if not isinstance(best, str) or not isinstance(where, list) or not all(isinstance(one, str) for one in where):
         raise StudyError("best = 'min NAME' and where = ['NAME < VALUE'] expected")
-    counts = {word: said[word] for word in ("starts", "runs") if word in said}
+    counts = {word: content[word] for word in ("starts", "runs") if word in content}
     for word, value in counts.items():
         if type(value) is not int or value < 1:
             raise StudyError(f"{word} = {value!r}: a whole number of at least 1 expected")
-    points = _points(said, parameters) if design else ()
-    deck = (path.parent / said["deck"]).resolve()
+    points = _points(content, parameters) if design else ()
+    deck = (path.parent / content["deck"]).resolve()
     return Study(path.stem, deck, parameters, scalars, points, best, tuple(where), **counts)
 
 
@@ -188,9 +188,9 @@ def _known(entry: dict, words: tuple[str, ...], what: str) -> None:
         raise StudyError(f"{what}: {unknown[0]!r} is not known; one of {', '.join(words)} expected")
 
 
-def _tables(said: dict, kind: str) -> list[dict]:
+def _tables(content: dict, kind: str) -> list[dict]:
     """Return the tables [[kind]] of a study."""
-    found = said.get(kind, [])
+    found = content.get(kind, [])
     if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
         raise StudyError(f"{kind}: tables [[{kind}]] expected")
     return found
@@ -213,8 +213,8 @@ def _parameter(entry: dict, folder: Path) -> Parameter:
     name = entry.get("name", "")
     if not isinstance(name, str) or not name.isidentifier():
         raise StudyError(f"[[parameter]] name = {name!r}: a word of letters, digits and _ expected")
-    said = entry.get("set", [])
-    targets = tuple(_target(text) for text in (said if isinstance(said, list) else [said]))
+    target_texts = entry.get("set", [])
+    targets = tuple(_target(text) for text in (target_texts if isinstance(target_texts, list) else [target_texts]))
     if sum(word in entry for word in ("values", "from", "catalogue")) != 1:
         raise StudyError(f"parameter {name}: one of values, from (with to and points) or catalogue expected")
     log = entry.get("spacing", "linear") == "log"
@@ -306,9 +306,9 @@ def _scalar(entry: dict) -> Scalar:
         raise StudyError(f"[[result]] {entry.get('name', '')}: {fault}") from None
 
 
-def _points(said: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
+def _points(content: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
     """Return the values of all parameters of every run."""
-    design = said.get("design", "grid")
+    design = content.get("design", "grid")
     if design not in DESIGNS:
         raise StudyError(f"design = {design!r}: one of {', '.join(DESIGNS)} expected")
     if design == "grid":
@@ -320,13 +320,13 @@ def _points(said: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
             raise StudyError("design = 'zip': all parameters need as many values as the first")
         rows = zip(*(parameter.values for parameter in parameters))
     else:
-        rows = _hypercube(said, parameters)
+        rows = _hypercube(content, parameters)
     return tuple(dict(zip((parameter.name for parameter in parameters), row)) for row in rows)
 
 
-def _hypercube(said: dict, parameters: tuple[Parameter, ...]) -> list[tuple]:
+def _hypercube(content: dict, parameters: tuple[Parameter, ...]) -> list[tuple]:
     """Return the rows of a Latin hypercube between the smallest and the largest value of each parameter."""
-    samples, seed = said.get("samples"), said.get("seed", 0)
+    samples, seed = content.get("samples"), content.get("seed", 0)
     if not isinstance(samples, int) or samples < 1 or not isinstance(seed, int) or seed < 0:
         raise StudyError("design = 'latin_hypercube': samples = a whole number expected, seed too where given")
     if samples > MOST_RUNS:

@@ -49,9 +49,9 @@ class Journal:
             elif line.strip():
                 self.damaged.append(number)
         if self.damaged or text[-1:] not in ("", "\n"):  # what follows must not be joined to a line that was cut
-            whole = path.with_name(path.name + ".new")
-            whole.write_text("".join(json.dumps(entry) + "\n" for entry in self.done.values()), encoding="utf-8")
-            whole.replace(path)
+            repaired = path.with_name(path.name + ".new")
+            repaired.write_text("".join(json.dumps(entry) + "\n" for entry in self.done.values()), encoding="utf-8")
+            repaired.replace(path)
 
     def add(self, rows: dict[str, Row]) -> None:
         """Write the rows of a batch, by their keys."""
@@ -67,9 +67,9 @@ def _entry(line: str, results: int) -> dict | None:
         entry = json.loads(line)
         values, units, reason = entry["values"], entry["units"], entry["reason"]
         numbers = [float(value) for value in values]
-        told = (isinstance(word, str) for word in (entry["key"], reason, *units))
+        strings = (isinstance(word, str) for word in (entry["key"], reason, *units))
         count = 0 if reason else results
-        return entry if all(told) and len(numbers) == len(units) == count else None
+        return entry if all(strings) and len(numbers) == len(units) == count else None
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
 
@@ -158,7 +158,7 @@ def run_all(
         text: of its deck
         journal: of the runs
         args: of the command line
-        folder: where runs stay that are kept
+        folder: where decks and results stay with --keep
         pool: what runs batches, which stays open; without it one is opened, and the progress is shown
     """
     found = keys(study, text, args.biela)
@@ -223,8 +223,8 @@ def write_table(path: Path, header: list[str], rows: list[list]) -> None:
         raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
 
 
-def understand(study: Study, wish: str, conditions: list[str]) -> tuple[int, int, list[tuple[int, str, float]]]:
-    """Return sign (1: the smallest is best) and column of a wish, and column, comparison and value of each condition.
+def parse_goal(study: Study, goal: str, conditions: list[str]) -> tuple[int, int, list[tuple[int, str, float]]]:
+    """Return sign (1: the smallest is best) and column of a goal, and column, comparison and value of each condition.
 
     Columns are counted through parameters and results.
 
@@ -232,9 +232,9 @@ def understand(study: Study, wish: str, conditions: list[str]) -> tuple[int, int
         HistoryError: the words are wrong.
     """
     names = [one.name for one in (*study.parameters, *study.scalars)]
-    words = wish.split()
+    words = goal.split()
     if len(words) != 2 or words[0] not in ("min", "max") or words[1] not in names:
-        raise HistoryError(f"--best {wish!r}: 'min NAME' or 'max NAME' expected, NAME one of {', '.join(names)}")
+        raise HistoryError(f"--best {goal!r}: 'min NAME' or 'max NAME' expected, NAME one of {', '.join(names)}")
     tests = []
     for condition in conditions:
         found = CONDITION.fullmatch(condition)
@@ -245,13 +245,13 @@ def understand(study: Study, wish: str, conditions: list[str]) -> tuple[int, int
     return (1 if words[0] == "min" else -1), names.index(words[1]), tests
 
 
-def choose(study: Study, rows: list[list], wish: str, conditions: list[str]) -> tuple[list | None, int, list[tuple[int, float]]]:
+def choose(study: Study, rows: list[list], goal: str, conditions: list[str]) -> tuple[list | None, int, list[tuple[int, float]]]:
     """Return the best run that meets all conditions, how many meet them, and column and limit of each condition.
 
     Raises:
         HistoryError: the words are wrong.
     """
-    sign, column, tests = understand(study, wish, conditions)
+    sign, column, tests = parse_goal(study, goal, conditions)
     good = [row for row in rows if not row[-1]]
     for condition, (k, test, value) in zip(conditions, tests):
         if any(isinstance(row[k], str) for row in good):
@@ -263,15 +263,15 @@ def choose(study: Study, rows: list[list], wish: str, conditions: list[str]) -> 
     return chosen, len(good), [(k, value) for k, _, value in tests]
 
 
-def best(study: Study, rows: list[list], wish: str, conditions: list[str]) -> str:
+def best(study: Study, rows: list[list], goal: str, conditions: list[str]) -> str:
     """Return a line that names the best run that meets all conditions; HistoryError where the words are wrong."""
     names = [one.name for one in (*study.parameters, *study.scalars)]
-    chosen, count, _ = choose(study, rows, wish, conditions)
+    chosen, count, _ = choose(study, rows, goal, conditions)
     if chosen is None:
         return "best: no run meets the conditions"
     shown = [f"{value:.6g}" if isinstance(value, float) else str(value) for value in chosen]
     values = ", ".join(f"{name} = {value}" for name, value in zip(names, shown))
-    return f"best of {count} runs ({wish}{''.join(', ' + condition for condition in conditions)}): {values}"
+    return f"best of {count} runs ({goal}{''.join(', ' + condition for condition in conditions)}): {values}"
 
 
 def prepare(args: argparse.Namespace, design: bool = True) -> tuple[Study, str]:
@@ -311,7 +311,7 @@ def open_journal(study: Study, folder: Path, tool: str = "sweep") -> Journal:
 def sweep(args: argparse.Namespace) -> int:
     """Run the study, write the table and the pictures; returns 0, or 1 where every run failed."""
     study, text = prepare(args)
-    wish, conditions = args.best or study.best, [*study.where, *args.where]
+    goal, conditions = args.best or study.best, [*study.where, *args.where]
     folder = args.output or Path("results") / "sweep" / study.name
     try:
         journal = open_journal(study, folder)
@@ -328,9 +328,9 @@ def sweep(args: argparse.Namespace) -> int:
     if not args.no_pictures and len(failed) < len(rows):
         from . import sweep_picture
 
-        chosen, _, limits = choose(study, rows, wish, conditions) if wish else (None, 0, [])
+        chosen, _, limits = choose(study, rows, goal, conditions) if goal else (None, 0, [])
         for path in sweep_picture.draw(study, header, rows, folder, chosen, limits):
             print(f"picture: {path}")
-    if wish:
-        print(best(study, rows, wish, conditions))
+    if goal:
+        print(best(study, rows, goal, conditions))
     return int(len(failed) == len(rows))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from .deck_models import in_force
-from .tradeoff_errors import between, gap
-from .tradeoff_search import greedy
+from .deck_models import effective_removals
+from .tradeoff_errors import between, error_of
+from .tradeoff_search import simplify
 from .tradeoff_settings import Setting
 from .tradeoff_study import FULL, Point, Study
 from .tradeoff_truth import Base
@@ -32,16 +32,17 @@ def deciding(study: Study, base: Base, best: Point, effects: list[Setting], star
     names = sorted({name.split(".")[0] for name in study.truth.names})
     if len(names) < 2:
         return []
-    last = min((p for p in study.points if p.gap.largest <= study.room), key=study.price)
-    asked = {name: min(study.price(p) for p in study.points if p.gap.without(name) <= study.room) for name in names}
-    sensor = min(names, key=lambda name: (asked[name], name != last.gap.column.split(".")[0]))
+    cost, allowed = study.ranking_cost, study.allowed_error
+    last = min((p for p in study.points if p.error.largest <= allowed), key=cost)
+    asked = {name: min(cost(p) for p in study.points if p.error.without(name) <= allowed) for name in names}
+    sensor = min(names, key=lambda name: (asked[name], name != last.error.column.split(".")[0]))
     others = _without(study, sensor)
     if not study.runner.late(EARLY):
-        start = min((p for p in others.points if p.model == FULL and p.gap.largest <= others.room), key=study.price, default=best)
-        greedy(others, base.deck, start, effects, dict(starts))
-    cheap = min((p for p in others.points if p.gap.largest <= others.room), key=study.price)
-    gain = study.price(last) / study.price(cheap)
-    model = FULL if cheap.model == FULL else "; ".join(in_force(cheap.model.split("; ")))
+        start = min((p for p in others.points if p.model == FULL and p.error.largest <= allowed), key=cost, default=best)
+        simplify(others, base.deck, start, effects, dict(starts))
+    cheap = min((p for p in others.points if p.error.largest <= allowed), key=cost)
+    gain = cost(last) / cost(cheap)
+    model = FULL if cheap.model == FULL else "; ".join(effective_removals(cheap.model.split("; ")))
     other = f"{cheap.setting.words(study.grid)}, {model}, would do, {gain:.3g} times cheaper"
     return [f"{sensor} decides the cost: without it {other}"] if gain > WORTH else []
 
@@ -51,7 +52,7 @@ def _without(study: Study, sensor: str) -> Study:
     keep = [k for k, name in enumerate(study.truth.names) if name.split(".")[0] != sensor]
     names = tuple(study.truth.names[k] for k in keep)
     truth = replace(study.truth, names=names, values=study.truth.values[:, keep], scale=study.truth.scale[keep])
-    points = [replace(p, gap=gap(p.outcome, truth)) for p in study.points]
+    points = [replace(p, error=error_of(p.outcome, truth)) for p in study.points]
     compared = replace(study.compared, columns=frozenset(names))
     return replace(study, truth=truth, compared=compared, points=points, steps=[])
 
@@ -64,7 +65,7 @@ def cancellation(study: Study, point: Point, error: float) -> list[str]:
     outcome = study.runner.one(study.text(point.deck, point.setting.doubled().doubled()))
     found = {}
     if outcome.ok:
-        found = {PARTS[0]: between(point.outcome, outcome, study.compared), PARTS[2]: gap(outcome, study.truth).largest}
+        found = {PARTS[0]: between(point.outcome, outcome, study.compared), PARTS[2]: error_of(outcome, study.truth).largest}
     for turn, label in enumerate([] if point.model == FULL else point.model.split("; "), 1):
         found |= {f"'{label}'": s.change for s in study.steps if (s.round, s.label) == (turn, label)}
     return offset("recommended.nml", found, error, study.tolerance)
@@ -79,5 +80,5 @@ def offset(what: str, found: dict[str, float], error: float, tolerance: float) -
     large = {name: part for name, part in found.items() if much < part < float("inf")}
     if not large:
         return []
-    told = ", ".join(f"{name} {part:.1e}" for name, part in large.items())
-    return [f"{what}: its error of {error:.1e} is small because larger ones cancel: alone are off by {told}"]
+    listed = ", ".join(f"{name} {part:.1e}" for name, part in large.items())
+    return [f"{what}: its error of {error:.1e} is small because larger ones cancel: alone are off by {listed}"]

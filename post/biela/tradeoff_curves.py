@@ -65,58 +65,58 @@ class Curve:
         return (PAIR_BY_TOLERANCE if self.settings[-1].adaptive else PAIR) * self.cost
 
 
-def curves(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, spare: bool = False) -> list[Curve]:
+def curves(study: Study, deck: DeckText, stage: str, previous: Curve | None = None, stop_early: bool = False) -> list[Curve]:
     """Return the curves of a model, the most accurate first.
 
     Args:
         study: what is shared
         deck: the model
         stage: for the progress bar
-        lone: curve of a like model: its family alone is run, from the level by which it had converged
-        spare: whether to end when one family has reached the target
+        previous: curve of a like model: its family alone is run, from the level by which it had converged
+        stop_early: whether to end when one family has reached the target
     """
     target = CERTAIN * study.tolerance
     # where the time ended a run, implicit methods first: their coarsest run has the fewest steps
     families = study.families[::-1] if study.runner.unfinished else study.families
-    first = [lone.settings[-3:][0]] if lone else [Setting(family, 0) for family in families]
+    first = [previous.settings[-3:][0]] if previous else [Setting(family, 0) for family in families]
     found = [Curve(setting.family, following=setting) for setting in first]
-    while climbing := [made for made in found if not made.ended]:
-        best = min((c.cost for c in found if doubt(study, c, found) <= target), default=float("inf"))
-        if spare and best < float("inf"):
+    while unfinished := [curve for curve in found if not curve.ended]:
+        best = min((c.cost for c in found if uncertainty_of(study, c, found) <= target), default=float("inf"))
+        if stop_early and best < float("inf"):
             break
-        made = min(climbing, key=lambda c: _promise(c, target))
-        dearest = min(study.runner.longest, study.runner.left(), max(PAIR * best, 1.0))
-        enough = made.left <= (target if best == float("inf") else ENOUGH * study.tolerance)
-        drawn = spare or lone or made.coming > CHEAP or len(made.outcomes) >= DRAWN
-        if made.coming > dearest or (enough and drawn):
-            made.ended = True
+        curve = min(unfinished, key=lambda c: _expected_cost(c, target))
+        cost_limit = min(study.runner.longest, study.runner.left(), max(PAIR * best, 1.0))
+        enough = curve.left <= (target if best == float("inf") else ENOUGH * study.tolerance)
+        drawn = stop_early or previous or curve.coming > CHEAP or len(curve.outcomes) >= DRAWN
+        if curve.coming > cost_limit or (enough and drawn):
+            curve.ended = True
         else:
             try:
-                _climb(study, deck, made, stage)
+                _refine(study, deck, curve, stage)
             except OutOfTimeError:
                 break
-    for made in found:
-        if made.left == float("inf") and len(made.outcomes) == FEW:
-            made.left = between(made.outcomes[0], made.outcomes[1], study.compared)
-    return sorted((c for c in found if c.outcomes), key=lambda c: doubt(study, c, found))
+    for curve in found:
+        if curve.left == float("inf") and len(curve.outcomes) == FEW:
+            curve.left = between(curve.outcomes[0], curve.outcomes[1], study.compared)
+    return sorted((c for c in found if c.outcomes), key=lambda c: uncertainty_of(study, c, found))
 
 
-def _promise(made: Curve, target: float) -> float:
+def _expected_cost(curve: Curve, target: float) -> float:
     """Return the seconds by which a curve may have reached the target.
 
     Its error falls with the cost as it last did, and with the order of its method where that is not known yet.
     """
-    if made.left == float("inf"):
-        return made.coming
-    rate = ORDERS.get(made.family, HIGH)
-    before = made.before
-    if before and before[1] < float("inf") and made.cost > before[0]:
-        seen = math.log(max(before[1] / max(made.left, TINY), 1.0)) / math.log(made.cost / before[0])
+    if curve.left == float("inf"):
+        return curve.coming
+    rate = ORDERS.get(curve.family, HIGH)
+    before = curve.before
+    if before and before[1] < float("inf") and curve.cost > before[0]:
+        seen = math.log(max(before[1] / max(curve.left, TINY), 1.0)) / math.log(curve.cost / before[0])
         rate = min(max(seen, SLOW), rate)
-    return max(made.coming, made.cost * (made.left / target) ** (1.0 / rate))
+    return max(curve.coming, curve.cost * (curve.left / target) ** (1.0 / rate))
 
 
-def doubt(study: Study, made: Curve, found: list[Curve]) -> float:
+def uncertainty_of(study: Study, curve: Curve, found: list[Curve]) -> float:
     """Return the error that the finest run of a curve may have.
 
     Its own differences say it, and so do explicit methods: fast vibrations that a fixed step damps are missing in all runs of that
@@ -124,54 +124,54 @@ def doubt(study: Study, made: Curve, found: list[Curve]) -> float:
     claims itself, counts where it is more. Implicit runs may damp the same vibrations and are no witnesses. Nothing is known
     better than to the rounding of a run.
     """
-    others = [c for c in found if c is not made and c.family in EXPLICIT and c.left < float("inf")]
-    apart = [between(c.outcomes[-1], made.outcomes[-1], study.compared) - c.left for c in others] if made.outcomes else []
-    return max([made.left, NOISE, *apart])
+    others = [c for c in found if c is not curve and c.family in EXPLICIT and c.left < float("inf")]
+    apart = [between(c.outcomes[-1], curve.outcomes[-1], study.compared) - c.left for c in others] if curve.outcomes else []
+    return max([curve.left, NOISE, *apart])
 
 
-def _climb(study: Study, deck: DeckText, made: Curve, stage: str) -> None:
+def _refine(study: Study, deck: DeckText, curve: Curve, stage: str) -> None:
     """Add the next two levels to a curve: steps halved, tolerances divided by ten.
 
     Raises:
         OutOfTimeError: one was not finished; what was is in the curve.
     """
-    batch = [s for s in (made.following, made.following.doubled()) if s.exists()]
-    begun, cost, late = time.monotonic(), made.cost, None
+    batch = [s for s in (curve.following, curve.following.doubled()) if s.exists()]
+    begun, cost, late = time.monotonic(), curve.cost, None
     texts = [study.text(deck, s) for s in batch]
     try:
-        done = study.runner.all(texts, f"{stage}, {made.family}")
+        done = study.runner.all(texts, f"{stage}, {curve.family}")
     except OutOfTimeError as fault:
-        late, done = fault, [study.runner.kept(text) for text in texts]
-    made.waited = time.monotonic() - begun
-    made.following = batch[-1].doubled()
+        late, done = fault, [study.runner.stored(text) for text in texts]
+    curve.waited = time.monotonic() - begun
+    curve.following = batch[-1].doubled()
     for setting, outcome in zip(batch, done):
         if outcome is None or outcome.status == -1:
-            made.ended = True
-            study.reasons[made.family] = f"{setting.words(study.grid)} did not come to its end in the time that a run may take"
+            curve.ended = True
+            study.reasons[curve.family] = f"{setting.words(study.grid)} did not come to its end in the time that a run may take"
             break
         if not outcome.ok:
-            study.reasons[made.family] = f"{setting.words(study.grid)}: {outcome.message}"
+            study.reasons[curve.family] = f"{setting.words(study.grid)}: {outcome.message}"
         else:
-            made.settings.append(setting)
-            made.outcomes.append(outcome)
-    left = _left(study, made)
-    made.before = (cost, made.left)
-    rounding = left > 0.7 * made.left and made.left < 1.0e-6 and len(made.outcomes) > 4
-    made.left = min(left, made.left) if rounding else left
-    made.ended = made.ended or rounding or not made.following.exists() or len(made.outcomes) >= LEVELS
+            curve.settings.append(setting)
+            curve.outcomes.append(outcome)
+    left = _left(study, curve)
+    curve.before = (cost, curve.left)
+    rounding = left > 0.7 * curve.left and curve.left < 1.0e-6 and len(curve.outcomes) > 4
+    curve.left = min(left, curve.left) if rounding else left
+    curve.ended = curve.ended or rounding or not curve.following.exists() or len(curve.outcomes) >= LEVELS
     if late:
         raise late
 
 
-def _left(study: Study, made: Curve) -> float:
+def _left(study: Study, curve: Curve) -> float:
     """Return the error that the finest run of a curve has by the differences of its last three.
 
     Where tolerances are divided by ten it is taken to fall as it last did, by ten at most; steps go by Richardson.
     """
-    last = made.outcomes[-3:]
+    last = curve.outcomes[-3:]
     away = [between(a, b, study.compared) for a, b in zip(last, last[1:])]
     if not away:
         return float("inf")
-    if made.settings[-1].adaptive:
+    if curve.settings[-1].adaptive:
         return away[-1] * (min(max(away[-1] / away[0], 0.1), 1.0) if away[0] > 0.0 else 1.0)
-    return richardson(away[0], away[1], 2.0, ORDERS[made.family]) if len(away) == 2 else float("inf")
+    return richardson(away[0], away[1], 2.0, ORDERS[curve.family]) if len(away) == 2 else float("inf")

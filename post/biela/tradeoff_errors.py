@@ -39,7 +39,7 @@ class Truth:
 
 
 @dataclass(frozen=True)
-class Gap:
+class RunError:
     """Difference of a run from a truth, relative to the ranges: the worst column's largest and root mean square.
 
     At an event accelerations, friction and reactions jump. At rows where a stop or joint has another state in the run than in the
@@ -93,7 +93,7 @@ def _states(events: Sequence[Event], element: str, start: str, times: np.ndarray
     return np.array(words)[np.searchsorted([event.time for event in own], times)]
 
 
-def elsewhere(run: Sequence[Event], truth: Sequence[Event], times: np.ndarray) -> tuple[np.ndarray, float]:
+def state_differences(run: Sequence[Event], truth: Sequence[Event], times: np.ndarray) -> tuple[np.ndarray, float]:
     """Compare the states of all stops and joints of two runs.
 
     Returns:
@@ -172,20 +172,16 @@ def truth_of(outcome: Outcome, compared: Compared, uncertainty: float = 0.0, wor
     return Truth(names, outcome.data[:, 0], outcome.data[:, 1:][:, keep], scale, uncertainty, words, outcome.events)
 
 
-def plain_truth(outcome: Outcome, like: Truth) -> Truth:
+def as_truth(outcome: Outcome, like: Truth) -> Truth:
     """Return a run as a truth, with the columns and scales of another one."""
     order = [outcome.names.index(name) for name in like.names]
     return Truth(like.names, outcome.data[:, 0], outcome.data[:, 1:][:, order], like.scale, 0.0, "", outcome.events)
 
 
-def gap(run: Outcome, truth: Truth) -> Gap:
-    """Return the error of a run; infinite where it failed.
-
-    Raises:
-        RunsError: the run has other columns or times.
-    """
+def error_of(run: Outcome, truth: Truth) -> RunError:
+    """Return the error of a run; infinite where it failed. RunsError: the run has other columns or times."""
     if not run.ok:
-        return Gap(float("inf"), float("inf"), run.message)
+        return RunError(float("inf"), float("inf"), run.message)
     columns = [run.names.index(name) for name in truth.names if name in run.names]
     if len(columns) < len(truth.names):
         missing = next(name for name in truth.names if name not in run.names)
@@ -194,19 +190,19 @@ def gap(run: Outcome, truth: Truth) -> Gap:
     if np.abs(run.data[rows, 0] - truth.times).max() > 1.0e-6 * (truth.times[1] - truth.times[0]):
         raise RunsError("a run lacks rows at the times of the reference")
     off = np.abs(run.data[rows, 1:][:, columns] - truth.values) / truth.scale
-    differs, late = elsewhere(run.events, truth.events, truth.times)
+    differs, late = state_differences(run.events, truth.events, truth.times)
     off[differs] = 0.0
     rms = np.sqrt(np.mean(off**2, axis=0))
     each = dict(zip(truth.names, off.max(axis=0).tolist()))
     if run.events or truth.events:
         each[EVENTS] = late
     worst = max(each, key=each.get)
-    return Gap(each[worst], float(rms.max()), worst, each)
+    return RunError(each[worst], float(rms.max()), worst, each)
 
 
 def between(a: Outcome, b: Outcome, compared: Compared) -> float:
     """Return the largest difference of two runs relative to the ranges of the second, infinite where one failed."""
-    return gap(a, truth_of(b, compared)).largest if a.ok and b.ok else float("inf")
+    return error_of(a, truth_of(b, compared)).largest if a.ok and b.ok else float("inf")
 
 
 def richardson(coarse: float, fine: float, ratio: float, order: float) -> float:

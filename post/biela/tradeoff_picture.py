@@ -6,12 +6,9 @@ import math
 import textwrap
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-from .deck_models import in_force
+from .deck_models import effective_removals
 from .plot import COLOURS, LOOK, STYLES
 from .tradeoff_report import Result, asked_for, pareto
 from .tradeoff_settings import FAMILIES
@@ -25,7 +22,7 @@ def model_words(model: str) -> str:
     """Return how a model is simplified, changes that later ones overtook not named."""
     if model == FULL:
         return "model in full"
-    return "\n".join(textwrap.wrap("simplified: " + "; ".join(in_force(model.split("; "))), 58))
+    return "\n".join(textwrap.wrap("simplified: " + "; ".join(effective_removals(model.split("; "))), 58))
 
 
 def _curves(study: Study, result: Result) -> dict[str, dict[str, list[Point]]]:
@@ -35,7 +32,7 @@ def _curves(study: Study, result: Result) -> dict[str, dict[str, list[Point]]]:
     found: dict[str, dict[str, list[Point]]] = {}
     for model in keep:
         for family in FAMILIES:
-            mine = [p for p in study.points if (p.model, p.setting.family) == (model, family) and p.gap.largest < TALLEST]
+            mine = [p for p in study.points if (p.model, p.setting.family) == (model, family) and p.error.largest < TALLEST]
             if mine:
                 found.setdefault(model, {})[family] = sorted(mine, key=lambda p: p.setting.index)
     return found
@@ -47,7 +44,7 @@ def draw(study: Study, result: Result, path: Path) -> None:
     floor = max(0.5 * unsure, 1.0e-16)
 
     def height(point: Point) -> float:
-        return max(point.gap.largest, floor)
+        return max(point.error.largest, floor)
 
     with plt.rc_context(LOOK):
         figure, axes = plt.subplots(figsize=(8.0, 6.4), layout="constrained")
@@ -55,7 +52,7 @@ def draw(study: Study, result: Result, path: Path) -> None:
         for style, (model, families) in zip(STYLES, _curves(study, result).items()):
             for family, points in families.items():
                 k = list(FAMILIES).index(family)
-                fill = ["white" if p.gap.largest < unsure else COLOURS[k] for p in points]
+                fill = ["white" if p.error.largest < unsure else COLOURS[k] for p in points]
                 x, y = [p.cost for p in points], [height(p) for p in points]
                 axes.loglog(x, y, ls=style, color=COLOURS[k], lw=1.2)
                 axes.scatter(x, y, marker=MARKS[family], c=fill, edgecolors=COLOURS[k], s=22, zorder=3)
@@ -72,7 +69,7 @@ def draw(study: Study, result: Result, path: Path) -> None:
         if unsure:
             shown["others"].append(axes.axhspan(1.0e-18, unsure, color="0.88", zorder=0, label="below the truth's uncertainty"))
         marks = {"kX": ("deck as written", result.written, 10), "k*": ("recommended.nml", result.chosen, 15)}
-        marks["kP"] = (f"accuracy={study.tolerance:g}, all passes", result.promised, 10)
+        marks["kP"] = (f"accuracy={study.tolerance:g}, all passes", result.accuracy_run, 10)
         for mark, (label, point, size) in marks.items():
             if point and point.outcome.ok:
                 shown["others"] += axes.plot(point.cost, height(point), mark, ms=size, mec="white", label=label, zorder=4)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from . import deck_models
 from .deck_runs import Outcome, OutOfTimeError, Runner
 from .deck_text import DeckText
-from .tradeoff_errors import Compared, Gap, Truth, gap
+from .tradeoff_errors import Compared, RunError, Truth, error_of
 from .tradeoff_settings import Grid, Setting, for_search
 
 FULL = "full model"
@@ -25,7 +25,7 @@ class Point:
     setting: Setting | None
     deck: DeckText
     outcome: Outcome
-    gap: Gap
+    error: RunError
 
     @property
     def cost(self) -> float:
@@ -46,7 +46,7 @@ class Step:
 
     round: int
     label: str
-    effect: Gap
+    effect: RunError
     change: float = math.inf
     best: Point | None = None
     taken: bool = False
@@ -83,12 +83,12 @@ class Study:
     reasons: dict[str, str] = field(default_factory=dict)
 
     @property
-    def room(self) -> float:
+    def allowed_error(self) -> float:
         """The tolerance less the uncertainty of the truth; where it is negative, no error can be shown to be small enough."""
         left = self.tolerance - self.truth.uncertainty
         return left if left > 0.0 else -1.0
 
-    def price(self, point: Point) -> float:
+    def ranking_cost(self, point: Point) -> float:
         """Return what a point is ranked by: its seconds.
 
         Where they are few, its counts times the seconds that such counts take in longer runs of the same method.
@@ -106,14 +106,14 @@ class Study:
         """Return the text that is run."""
         return for_search(deck, setting, self.grid, self.asked)
 
-    def settle(self, model: str, words: str, found: Point) -> None:
+    def update(self, model: str, words: str, found: Point) -> None:
         """Let a model with a setting, in words, have the cost and the error that were measured last, wherever it stands."""
         if not found.outcome.ok:
             return
 
         def settled(p: Point | None) -> Point | None:
             same = p and p.setting and p.model == model and p.setting.words(self.grid) == words
-            return replace(p, outcome=found.outcome, gap=found.gap) if same else p
+            return replace(p, outcome=found.outcome, error=found.error) if same else p
 
         self.points = [settled(p) for p in self.points]
         for step in self.steps:
@@ -125,12 +125,12 @@ class Study:
         try:
             return self.keep(model, deck, settings, self.runner.all(texts, stage))
         except OutOfTimeError:
-            self.keep(model, deck, settings, [self.runner.kept(text) for text in texts])
+            self.keep(model, deck, settings, [self.runner.stored(text) for text in texts])
             raise
 
     def keep(self, model: str, deck: DeckText, settings: list[Setting], outcomes: list[Outcome | None]) -> list[Point]:
         """Keep what a model gave with some settings, None where there was no run, and return the points."""
-        found = [Point(model, s, deck, o, gap(o, self.truth)) for s, o in zip(settings, outcomes) if o]
+        found = [Point(model, s, deck, o, error_of(o, self.truth)) for s, o in zip(settings, outcomes) if o]
         known = {(p.model, p.setting) for p in self.points}
         self.points += [p for p in found if p.outcome.ok and (p.model, p.setting) not in known]
         return found

@@ -10,8 +10,8 @@ from . import deck_models
 from .deck_models import MODAL, ImpossibleError
 from .deck_runs import Outcome, OutOfTimeError, RunsError
 from .deck_text import DeckText
-from .tradeoff_curves import Curve, curves, doubt
-from .tradeoff_errors import Gap, between, gap, plain_truth, richardson, truth_of
+from .tradeoff_curves import Curve, curves, uncertainty_of
+from .tradeoff_errors import RunError, as_truth, between, error_of, richardson, truth_of
 from .tradeoff_settings import Setting
 from .tradeoff_study import FULL, Point, Study
 
@@ -41,19 +41,19 @@ class Base:
     notes: list[str]
 
 
-def _best(study: Study, deck: DeckText, stage: str, lone: Curve | None = None, spare: bool = False) -> list[Curve]:
+def _best(study: Study, deck: DeckText, stage: str, previous: Curve | None = None, stop_early: bool = False) -> list[Curve]:
     """Return the curves of a model; RunsError where no family gave an estimate of its own error."""
-    found = curves(study, deck, stage, lone=lone, spare=spare)
+    found = curves(study, deck, stage, previous=previous, stop_early=stop_early)
     if not found or found[0].left == float("inf"):
         first = study.runner.one(study.text(deck, Setting(study.families[-1], 0)))
-        told = f"; the solver says: {first.message}" if first.message else ""
-        raise RunsError(f"{stage}: no method converged within {study.runner.longest:g} s a run or half of --time{told}")
+        reason = f"; the solver says: {first.message}" if first.message else ""
+        raise RunsError(f"{stage}: no method converged within {study.runner.longest:g} s a run or half of --time{reason}")
     return found
 
 
-def _words(study: Study, made: Curve) -> str:
-    """Return how the finest run of a curve was made."""
-    return made.settings[-1].words(study.grid)
+def _words(study: Study, curve: Curve) -> str:
+    """Return how the finest run of a curve was curve."""
+    return curve.settings[-1].words(study.grid)
 
 
 def deck_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
@@ -68,7 +68,7 @@ def deck_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
         RunsError: every run failed.
     """
     found = curves(study, deck, "reference")
-    if not (found and doubt(study, found[0], found) < study.tolerance):
+    if not (found and uncertainty_of(study, found[0], found) < study.tolerance):
         study.runner.share = LATE
         found = curves(study, deck, "reference")
     if not found:
@@ -80,7 +80,7 @@ def deck_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
     words = f"the deck's model, {_words(study, found[0])}"
     if found[0].left == float("inf"):
         words += ", not known to have converged: the time ended"
-    study.truth = truth_of(finest, study.compared, doubt(study, found[0], found), words)
+    study.truth = truth_of(finest, study.compared, uncertainty_of(study, found[0], found), words)
     notes = [
         f"{c.family}: its finest run ({_words(study, c)}) is {between(c.outcomes[-1], finest, study.compared):.1e} away"
         for c in found[1:]
@@ -103,7 +103,7 @@ def refined_truth(study: Study, deck: DeckText, written: Outcome) -> Base:
     finest = meshes[-1]
     words = f"mesh x {2 ** (len(meshes) - 1)}, all kinematics modelled, {_words(study, finest.curves[0])}"
     outcome = finest.curves[0].outcomes[-1]
-    study.truth = truth_of(outcome, study.compared, left + doubt(study, finest.curves[0], finest.curves), words)
+    study.truth = truth_of(outcome, study.compared, left + uncertainty_of(study, finest.curves[0], finest.curves), words)
     return _start(study, deck, meshes, notes)
 
 
@@ -116,9 +116,9 @@ def _meshes(study: Study, deck: DeckText) -> tuple[list[Base], list[str], float]
             notes.append(f"mesh x {2**doublings} would take more than {study.runner.longest:g} s a run")
             break
         model = deck_models.refined(deck, doublings, study.asked)
-        lone = meshes[-1].curves[0] if meshes else None
+        previous = meshes[-1].curves[0] if meshes else None
         try:
-            found = _best(study, model, f"reference, mesh x {2**doublings}", lone, spare=True)
+            found = _best(study, model, f"reference, mesh x {2**doublings}", previous, stop_early=True)
         except RunsError:
             if not meshes:
                 raise
@@ -145,14 +145,14 @@ def _growth(meshes: list[Base]) -> float:
 def _start(study: Study, deck: DeckText, meshes: list[Base], notes: list[str]) -> Base:
     """Return the coarsest model that is right by itself, from which the search begins: the deck's own, or one of the meshes."""
     own, finest = "the deck's own model", meshes[-1]
-    models = [(own, deck, curves(study, deck, f"search's start, {own}", spare=True))]
+    models = [(own, deck, curves(study, deck, f"search's start, {own}", stop_early=True))]
     models += [(f"the model of mesh x {2**mesh.doublings}", mesh.deck, mesh.curves) for mesh in meshes[:-1]]
     for name, model, found in models:
         if not found or found[0].left == float("inf"):
             notes.append(f"{name}: no converged run in time")
             continue
-        off = gap(found[0].outcomes[-1], study.truth)
-        if off.largest + found[0].left <= RIGHT * study.room:
+        off = error_of(found[0].outcomes[-1], study.truth)
+        if off.largest + found[0].left <= RIGHT * study.allowed_error:
             notes.append(f"the search starts from {name}, whose own error is {off.largest:.1e} ({off.column})")
             return Base(model, curves(study, model, f"search's start, {name}"), finest.doublings, notes)
         notes.append(f"{name} has an error of {off.largest:.1e} of its own ({off.column})")
@@ -166,13 +166,13 @@ def effect_settings(study: Study, best: Point, share: float) -> list[Setting]:
     They are, by family, the cheapest that leaves the full model an error below a share of the room, where it is not too dear.
     """
     found = {}
-    for point in sorted((p for p in study.points if p.model == FULL), key=study.price):
-        if point.gap.largest <= share * study.room and study.price(point) <= GIVE_UP * study.price(best):
+    for point in sorted((p for p in study.points if p.model == FULL), key=study.ranking_cost):
+        if point.error.largest <= share * study.allowed_error and study.ranking_cost(point) <= GIVE_UP * study.ranking_cost(best):
             found.setdefault(point.setting.family, point.setting)
     return list(dict.fromkeys([best.setting, *found.values()]))
 
 
-def parts(study: Study, deck: DeckText, model: DeckText, run: Outcome, doublings: int) -> tuple[Gap, Gap, Gap]:
+def parts(study: Study, deck: DeckText, model: DeckText, run: Outcome, doublings: int) -> tuple[RunError, RunError, RunError]:
     """Return the parts of a run's error that time integration, mesh and model have.
 
     Args:
@@ -187,9 +187,9 @@ def parts(study: Study, deck: DeckText, model: DeckText, run: Outcome, doublings
     """
     own = _best(study, model, "parts of the error")
     fine = _best(study, _on_mesh(study, deck, model, doublings), "parts of the error, fine mesh", own[0])
-    time = gap(run, plain_truth(own[0].outcomes[-1], study.truth))
-    mesh = gap(own[0].outcomes[-1], plain_truth(fine[0].outcomes[-1], study.truth))
-    return time, mesh, gap(fine[0].outcomes[-1], study.truth)
+    time = error_of(run, as_truth(own[0].outcomes[-1], study.truth))
+    mesh = error_of(own[0].outcomes[-1], as_truth(fine[0].outcomes[-1], study.truth))
+    return time, mesh, error_of(fine[0].outcomes[-1], study.truth)
 
 
 def _on_mesh(study: Study, deck: DeckText, model: DeckText, doublings: int) -> DeckText:
@@ -245,7 +245,7 @@ def _add(added: dict[str, DeckText], words: str, deck: DeckText, edits: list[tup
 
 
 def left_out(study: Study, base: Base, best: Point) -> tuple[list[str], list[str]]:
-    """Return what is told of things that the model leaves out: those that change the sensors beyond the tolerance, the others.
+    """Return lines on what the model leaves out: those that change the sensors beyond the tolerance, the others.
 
     Each is added to the model by itself; the two are compared by the same setting, the first that both accept: explicit steps
     are bounded by what is added.
@@ -260,9 +260,9 @@ def left_out(study: Study, base: Base, best: Point) -> tuple[list[str], list[str
             faults[words] = outcome.message or before.message
             if outcome.ok and before.ok:
                 del untried[words]
-                off = gap(outcome, plain_truth(before, study.truth))
-                told = f"{words}, which the model leaves out, changes the sensors by {off.largest:.1e} ({off.column})"
-                (important if off.largest > study.tolerance else others).append(told)
+                off = error_of(outcome, as_truth(before, study.truth))
+                line = f"{words}, which the model leaves out, changes the sensors by {off.largest:.1e} ({off.column})"
+                (important if off.largest > study.tolerance else others).append(line)
     return important, others + [f"{words} could not be tried: {faults[words]}" for words in untried]
 
 

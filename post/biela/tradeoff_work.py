@@ -10,14 +10,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from .deck_models import in_force
+from .deck_models import effective_removals
 from .deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
 from .deck_text import DeckError, DeckText, parse, read
 from .tradeoff_causes import PARTS, cancellation, deciding, offset
-from .tradeoff_errors import Compared, gap, sizes_of
+from .tradeoff_errors import Compared, error_of, sizes_of
 from .tradeoff_picture import draw
 from .tradeoff_report import Result, head, nothing_finished, own_setting, setting_words, table, verdict
-from .tradeoff_search import EFFECT, cheapest, greedy
+from .tradeoff_search import EFFECT, cheapest, simplify
 from .tradeoff_settings import FAMILIES, Setting, columns, grid_of, length_of, sensors, with_accuracy, with_checks, with_setting
 from .tradeoff_study import EVALUATION_COST, FULL, Point, Study
 from .tradeoff_truth import Base, as_written, deck_truth, effect_settings, left_out, parts, refined_truth
@@ -33,24 +33,26 @@ DRAWING = 0.7  # [s] of the processor that table and picture take
 def first_guesses(study: Study, base: Base) -> dict[str, Setting]:
     """Return, by family, the coarsest setting of the full model's curve that meets the tolerance."""
     found = {}
-    for made in base.curves:
-        good = [s for s, o in zip(made.settings, made.outcomes) if gap(o, study.truth).largest <= study.room]
-        found[made.family] = good[0] if good else made.settings[-1]
+    for curve in base.curves:
+        good = [s for s, o in zip(curve.settings, curve.outcomes) if error_of(o, study.truth).largest <= study.allowed_error]
+        found[curve.family] = good[0] if good else curve.settings[-1]
     return found
 
 
 def search(study: Study, base: Base, result: Result) -> None:
     """Find the cheapest setting that is accurate enough, for each model from the full one to the smallest."""
     starts = first_guesses(study, base)
-    families = [made.family for made in base.curves]
-    best = cheapest(study, FULL, base.deck, starts, math.inf, "full model: settings", families) if study.room > 0.0 else None
+    families = [curve.family for curve in base.curves]
+    if study.allowed_error <= 0.0:
+        return
+    best = cheapest(study, FULL, base.deck, starts, math.inf, "full model: settings", families)
     if best is None:
         return
-    result.important, told = left_out(study, base, best)
-    result.notes += told
+    result.important, notes = left_out(study, base, best)
+    result.notes += notes
     study.families = families
     effects = effect_settings(study, best, EFFECT)[:3]
-    result.path = greedy(study, base.deck, best, effects, starts)
+    result.path = simplify(study, base.deck, best, effects, starts)
     last = result.path[-1]
     if len(result.path) > 1:
         rest = [s for k in range(-8, 13, 2) if (s := last.setting.finer(k)).exists()]
@@ -60,10 +62,10 @@ def search(study: Study, base: Base, result: Result) -> None:
 
 def explore(study: Study, base: Base, result: Result) -> None:
     """Search as long as there is time; what was measured stays in the study."""
-    for made in base.curves:
-        longest = made.outcomes[-1]
-        study.rates[made.family] = made.cost / (longest.evaluations * (longest.unknowns + EVALUATION_COST))
-        study.keep(FULL, base.deck, made.settings, made.outcomes)
+    for curve in base.curves:
+        longest = curve.outcomes[-1]
+        study.rates[curve.family] = curve.cost / (longest.evaluations * (longest.unknowns + EVALUATION_COST))
+        study.keep(FULL, base.deck, curve.settings, curve.outcomes)
     with contextlib.suppress(OutOfTimeError):
         search(study, base, result)
     if study.runner.late():
@@ -73,16 +75,16 @@ def explore(study: Study, base: Base, result: Result) -> None:
 
 def choose(study: Study, budget: float) -> Point | None:
     """Return the cheapest point that is accurate enough, else the most accurate one within the budget; the best few are timed."""
-    good = sorted((p for p in study.points if p.gap.largest <= study.room), key=study.price)[:FINALISTS]
+    good = sorted((p for p in study.points if p.error.largest <= study.allowed_error), key=study.ranking_cost)[:FINALISTS]
     alone = []
-    for point in (p for p in good if study.price(p) <= NEAR * study.price(good[0])):
+    for point in (p for p in good if study.ranking_cost(p) <= NEAR * study.ranking_cost(good[0])):
         with contextlib.suppress(OutOfTimeError):
             alone.append(replace(point, outcome=study.runner.timed(study.text(point.deck, point.setting))))
-    best = min(alone or good, key=lambda p: p.cost if p.cost > CLOCK else study.price(p), default=None)
+    best = min(alone or good, key=lambda p: p.cost if p.cost > CLOCK else study.ranking_cost(p), default=None)
     if best and best.cost <= budget:
         return best
     affordable = [p for p in study.points if p.cost <= budget]
-    return min(affordable, key=lambda p: p.gap.largest, default=None) if math.isfinite(budget) else None
+    return min(affordable, key=lambda p: p.error.largest, default=None) if math.isfinite(budget) else None
 
 
 def recommend(study: Study, result: Result, point: Point | None, folder: Path) -> None:
@@ -92,23 +94,23 @@ def recommend(study: Study, result: Result, point: Point | None, folder: Path) -
     """
     while point:
         verify(study, result, point)
-        found = result.chosen.gap
-        if found.largest <= study.room or point.gap.largest > study.room:
+        found = result.chosen.error
+        if found.largest <= study.allowed_error or point.error.largest > study.allowed_error:
             break
         same = [(p.model, p.setting) == (point.model, point.setting) for p in study.points]
-        study.points = [replace(p, gap=found) if lost else p for p, lost in zip(study.points, same)]
+        study.points = [replace(p, error=found) if lost else p for p, lost in zip(study.points, same)]
         point = choose(study, result.budget) if any(same) else None
     written, chosen = result.written, result.chosen
-    study.settle(FULL, own_setting(written.deck), written)
+    study.update(FULL, own_setting(written.deck), written)
     if point:
-        study.settle(point.model, setting_words(study, point), chosen)
-    if written.gap.largest <= study.room and written.cost <= min(chosen.cost if chosen else math.inf, result.budget):
+        study.update(point.model, setting_words(study, point), chosen)
+    if written.error.largest <= study.allowed_error and written.cost <= min(chosen.cost if chosen else math.inf, result.budget):
         result.chosen, result.taken = replace(written, model="recommended.nml"), []
     elif chosen:
         with contextlib.suppress(OutOfTimeError):
-            result.important += cancellation(study, point, chosen.gap.largest) if point else []
+            result.important += cancellation(study, point, chosen.error.largest) if point else []
     if result.chosen:
-        result.meets = result.chosen.gap.largest <= study.room
+        result.meets = result.chosen.error.largest <= study.allowed_error
         (folder / "recommended.nml").write_text(head(study, result) + result.chosen.deck.text, encoding="utf-8")
 
 
@@ -118,7 +120,7 @@ def verify(study: Study, result: Result, point: Point) -> None:
     written = result.written
     try:
         if written.outcome.ok:
-            outcome, again = study.runner.beside(deck.text, written.deck.text)
+            outcome, again = study.runner.timed_in_turn(deck.text, written.deck.text)
             result.written = replace(written, outcome=again)
         else:
             outcome = study.runner.timed(deck.text)
@@ -127,20 +129,20 @@ def verify(study: Study, result: Result, point: Point) -> None:
         result.notes.append("the time ended: the figures of recommended.nml are those of the same run of the search")
     if not outcome.ok:
         raise RunsError(f"recommended.nml does not run: {outcome.message}")
-    result.chosen = Point("recommended.nml", point.setting, deck, outcome, gap(outcome, study.truth))
-    result.taken = [] if point.model == FULL else in_force(point.model.split("; "))
+    result.chosen = Point("recommended.nml", point.setting, deck, outcome, error_of(outcome, study.truth))
+    result.taken = [] if point.model == FULL else effective_removals(point.model.split("; "))
 
 
-def promise(study: Study, result: Result, deck: DeckText) -> None:
+def run_with_accuracy(study: Study, result: Result, deck: DeckText) -> None:
     """Run the deck with the tolerance as its `accuracy`, where there is time: where that lies beside the curves."""
     text = with_accuracy(deck, study.tolerance, study.grid, study.asked)
     with contextlib.suppress(OutOfTimeError):
         outcome = study.runner.timed(text)
         if outcome.ok:
-            found = gap(outcome, study.truth)
-            result.promised = Point(f"accuracy={study.tolerance:g}", None, parse(text), outcome, found)
-            told = f"error {found.largest:.1e}, {outcome.seconds:.4f} s with all its passes"
-            result.notes.append(f"accuracy={study.tolerance:g} in &transient: {told}")
+            found = error_of(outcome, study.truth)
+            result.accuracy_run = Point(f"accuracy={study.tolerance:g}", None, parse(text), outcome, found)
+            figures = f"error {found.largest:.1e}, {outcome.seconds:.4f} s with all its passes"
+            result.notes.append(f"accuracy={study.tolerance:g} in &transient: {figures}")
         checked = with_checks(deck, study.tolerance, study.grid, study.asked)
         if checked:
             outcome = study.runner.all([checked])[0]
@@ -160,7 +162,7 @@ def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
             result.notes.append(f"{name}: its error is not split: {str(fault) or 'the time ended'}")
             continue
         result.parts.append((name, *found))
-        result.important += offset(name, dict(zip(PARTS, (part.largest for part in found))), point.gap.largest, study.tolerance)
+        result.important += offset(name, dict(zip(PARTS, (part.largest for part in found))), point.error.largest, study.tolerance)
 
 
 def study_of(args: argparse.Namespace, deck: DeckText, folder: Path) -> Study:
@@ -172,7 +174,7 @@ def study_of(args: argparse.Namespace, deck: DeckText, folder: Path) -> Study:
     return Study(runner, grid, asked, args.tolerance, families, Compared(sizes_of(length_of(deck), grid.interval)))
 
 
-def narrow(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) -> None:
+def choose_columns(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) -> None:
     """Let the study compare the columns that were named; DeckError for one that does not exist."""
     if not any("." in word for word in wanted):
         return
@@ -184,9 +186,9 @@ def narrow(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) ->
     study.compared = replace(study.compared, columns=columns(names, wanted))
 
 
-def absent(args: argparse.Namespace, study: Study, base: Base) -> list[str]:
+def methods_left_out(args: argparse.Namespace, study: Study, base: Base) -> list[str]:
     """Return the methods that no curve shows, each with the reason."""
-    shown = {made.family for made in base.curves}
+    shown = {curve.family for curve in base.curves}
     missing = {name: method for name, (method, _) in FAMILIES.items() if name not in shown}
     failed, unasked = "there was no time for it", "not in --methods"
     why = {name: study.reasons.get(name, failed) if method in args.methods else unasked for name, method in missing.items()}
@@ -194,7 +196,7 @@ def absent(args: argparse.Namespace, study: Study, base: Base) -> list[str]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make the whole study; the exit status."""
+    """Make the study; the exit status."""
     deck = read(args.deck, biela=args.biela)
     folder = args.output or Path("results") / "tradeoff" / args.deck.stem
     study = study_of(args, deck, folder)
@@ -203,32 +205,32 @@ def run(args: argparse.Namespace) -> int:
         runner.share = WRITTEN
         written = as_written(study, deck)
         runner.share = REFERENCE
-        narrow(study, deck, written, args.sensor)
+        choose_columns(study, deck, written, args.sensor)
         base = (deck_truth if args.truth == "deck" else refined_truth)(study, deck, written)
     except OutOfTimeError:
-        said, text = nothing_finished(study, args.deck.name)
+        paragraph, text = nothing_finished(study, args.deck.name)
         runner.clear_line()
         (folder / "tradeoff.txt").write_text(text, encoding="utf-8")
-        print(f"{said}\nTable: {folder}/tradeoff.txt; the same command goes on from what is kept")
+        print(f"{paragraph}\nTable: {folder}/tradeoff.txt; the same command goes on from what is stored")
         return 1
-    own = Point("deck as written", None, deck, written, gap(written, study.truth))
+    own = Point("deck as written", None, deck, written, error_of(written, study.truth))
     (folder / "recommended.nml").unlink(missing_ok=True)
     result = Result(args.deck.name, args.truth, base.notes, base.curves, own, [], budget=args.budget)
-    result.doubts = [f"the solver warns of the deck as written: {words}" for words in written.warnings]
+    result.warnings = [f"the solver warns of the deck as written: {words}" for words in written.warnings]
     known = [name for name in base.curves[0].outcomes[-1].names if not study.compared.columns] if base.curves else []
     result.dropped = [name for name in known if name not in study.truth.names]
-    result.absent = absent(args, study, base)
+    result.methods_left_out = methods_left_out(args, study, base)
     runner.share = SEARCH
     explore(study, base, result)
     runner.share = max(SEARCH, 1.0 - DRAWING * runner.slowness() / args.time)
     recommend(study, result, choose(study, args.budget), folder)
-    promise(study, result, deck)
+    run_with_accuracy(study, result, deck)
     if base.doublings:
         split(study, result, deck, base.doublings)
     runner.clear_line()
     (folder / "tradeoff.txt").write_text(table(study, result), encoding="utf-8")
     draw(study, result, folder / "work_precision.png")
-    print("".join(f"- {line}\n" for line in [*result.doubts, *result.important]), end="")
+    print("".join(f"- {line}\n" for line in [*result.warnings, *result.important]), end="")
     print(verdict(study, result))
     deck_file = "recommended.nml, " if result.chosen else ""
     print(f"Results: {folder}/tradeoff.txt, {deck_file}work_precision.png")
@@ -244,7 +246,7 @@ def work(args: argparse.Namespace) -> int:
         print(f"\ntradeoff: {fault}" if sys.stderr.isatty() else f"tradeoff: {fault}", file=sys.stderr)
         return 2
     except (InterruptedRunsError, KeyboardInterrupt):
-        print("\ntradeoff: interrupted; what was run is kept, the same command continues", file=sys.stderr)
+        print("\ntradeoff: interrupted; what was run is stored, the same command continues", file=sys.stderr)
         return 130
     except BrokenPipeError:
         raise  # the reader of standard output has gone

@@ -161,7 +161,7 @@ def test_ctrl_c_while_a_solver_is_waited_for_ends_it(runner, monkeypatch):
     assert list(runner.folder.iterdir()) == []
 
 
-@pytest.mark.parametrize(("finished", "pairs"), [(1, 0), (3, 1), (5, 2), (100, deck_runs.ALONE)])
+@pytest.mark.parametrize(("finished", "pairs"), [(1, 0), (3, 1), (5, 2), (100, deck_runs.MOST_REPEATS)])
 def test_runs_in_turn_give_the_median_of_the_pairs_that_the_time_allows(runner, monkeypatch, finished, pairs):
     made = []
 
@@ -174,12 +174,12 @@ def test_runs_in_turn_give_the_median_of_the_pairs_that_the_time_allows(runner, 
     monkeypatch.setattr(runner, "_made", run)
     if not pairs:
         with pytest.raises(OutOfTimeError):
-            runner.beside("first", "second")
+            runner.timed_in_turn("first", "second")
         return
-    first, second = runner.beside("first", "second")
+    first, second = runner.timed_in_turn("first", "second")
     assert (first.seconds, second.seconds) == (float(pairs), float(pairs + 1))
     assert [text.startswith("first") for text in made[:4]] == [True, False, True, False][: len(made)]
-    again = runner.beside("first", "second")
+    again = runner.timed_in_turn("first", "second")
     assert [outcome.seconds for outcome in again] == [first.seconds, second.seconds]
 
 
@@ -201,7 +201,7 @@ def test_the_progress_bar_is_for_a_terminal(runner, monkeypatch, capsys):
     runner.quiet, runner.made, runner.found = False, 3, 2
     monkeypatch.setattr(deck_runs.time, "monotonic", lambda: runner.started + 7.0)
     runner._show("reference, rk4", 1, 4)
-    line = f"[{'#' * 5}{'.' * 15}] reference, rk4: 1/4   3 runs made, 2 kept ones used, 7 s"
+    line = f"[{'#' * 5}{'.' * 15}] reference, rk4: 1/4   3 runs made, 2 stored ones used, 7 s"
     assert capsys.readouterr().err == "\r" + line.ljust(118)
     runner._show("reference" * 20, 4, 4)
     runner.clear_line()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from biela import animate, mechanism
 from biela.histories import History, HistoryError
-from biela.mechanism import Body, Mechanism, Place, Stop, add_scene, add_trace, from_motion
+from biela.mechanism import Body, Marker, Mechanism, Stop, add_scene, add_trace, from_motion
 from scipy.interpolate import CubicSpline
 
 TIME = np.linspace(0.0, 1.0, 5)
@@ -91,7 +91,7 @@ def test_a_place_that_is_not_there_is_told_with_those_that_are(name):
     scene = motion(rod=[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], hub=[])
     with pytest.raises(HistoryError) as fault:
         add_trace(scene, name)
-    assert str(fault.value) == f"no place '{name}' to trace; there are rod.1, hub"
+    assert str(fault.value) == f"no marker '{name}' to trace; there are rod.1, hub"
 
 
 def test_a_line_of_a_slider_turns_with_its_body_and_torsional_springs_are_not_drawn():
@@ -154,7 +154,7 @@ def test_a_contact_between_two_pictures_is_seen():
     """Twelve seconds, a blow from 4.2 s to 4.3 s: the film's next picture shows it, and the sheet's nearest one moves there."""
     time = np.arange(13.0)
     ball = Body(np.column_stack([np.abs(time - 4.2) + 0.1, 0.0 * time, 0.0 * time]), np.zeros((13, 0, 2)), np.zeros((0, 2)))
-    stop = Stop(Place(ball, None, np.zeros(2)), Place(None, None, np.zeros(2)), 0.0, 0.0, None, struck=np.array([4.2, 4.3]))
+    stop = Stop(Marker(ball, None, np.zeros(2)), Marker(None, None, np.zeros(2)), 0.0, 0.0, None, struck=np.array([4.2, 4.3]))
     scene = Mechanism(time, {"ball": ball}, stops=[stop])
     assert animate.snapshot_rows(scene, 4).tolist() == [0, 5, 8, 12]
     picture = animate.Picture(animate.plt.figure().gca(), scene)
@@ -178,19 +178,19 @@ def test_walls_of_stops_stand_where_they_limit_and_tell_what_touches():
     """A wall 0.5 m along x of the turned body b, a hole of 0.1 m about the same point, the end of a turn by a radian."""
     plate = Body(np.array([[1.0, 2.0, QUARTER]]), np.zeros((1, 0, 2)), np.zeros((0, 2)))
     scene = Mechanism(np.zeros(1), {"plate": plate})
-    base = Place(plate, None, np.zeros(2))
+    base = Marker(plate, None, np.zeros(2))
     for y, touches in ((2.4, False), (2.5, True)):
-        walls, found = Stop(Place(None, None, np.array([1.3, y])), base, 0.0, None, 0.5).walls(scene, 0, 0.1)
+        walls, found = Stop(Marker(None, None, np.array([1.3, y])), base, 0.0, None, 0.5).walls(scene, 0, 0.1)
         np.testing.assert_allclose(walls[0], [[1.4, 2.5], [1.2, 2.5]], atol=1e-15)
         assert found is touches
-    circle, found = Stop(Place(None, None, np.array([1.05, 2.0])), base, None, None, 0.1).walls(scene, 0, 0.1)
+    circle, found = Stop(Marker(None, None, np.array([1.05, 2.0])), base, None, None, 0.1).walls(scene, 0, 0.1)
     np.testing.assert_allclose(np.hypot(*(circle[0] - [1.0, 2.0]).T), 0.1, rtol=1e-12)
     assert not found
     plate.places = [np.array([0.3, 0.0])]
     for upper, touches in ((1.0, True), (QUARTER, True), (QUARTER + 0.1, False)):
-        stop = Stop(base, Place(None, None, np.zeros(2)), None, None, upper, angular=True)
+        stop = Stop(base, Marker(None, None, np.zeros(2)), None, None, upper, angular=True)
         walls, found = stop.walls(scene, 0, 0.1)
         np.testing.assert_allclose(walls[0][1] - [1.0, 2.0], [0.4 * np.cos(upper), 0.4 * np.sin(upper)], atol=1e-15)
         assert found is touches
     bent = Body(np.zeros((1, 3)), np.array([[[0.0, 0.0], [1.0, 0.0], [2.0, 0.1]]]), np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
-    assert [Place(bent, node, np.zeros(2)).angle(0) for node in (0, 2)] == pytest.approx([0.0, np.arctan(0.1)], abs=1e-15)
+    assert [Marker(bent, node, np.zeros(2)).angle(0) for node in (0, 2)] == pytest.approx([0.0, np.arctan(0.1)], abs=1e-15)

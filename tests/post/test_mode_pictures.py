@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import modes
+from biela import animate, modes
 from biela.commands import modes as modes_command
 from biela.histories import History, HistoryError, read
 from linear_scenes import FORCE, beam, sweep
@@ -138,7 +138,7 @@ def test_panels_that_shapes_do_not_need_are_empty(run):
     table = read(run.folder, "modes")
     (row,) = modes.chosen_rows(table, [1])
     corners = modes.moved(table, row).extent()
-    count = next(n for n in range(2, 20) if np.prod(modes.tiles(n, *corners)[:2]) > n)
+    count = next(n for n in range(2, 20) if np.prod(animate.tiles(n, *corners)[:2]) > n)
     figure = modes.draw_shapes(table, [row] * count, title="a beam")
     titles = [axis.get_title() for axis in figure.axes]
     assert titles == [modes.caption(table, row)] * count + [""] * (len(titles) - count)

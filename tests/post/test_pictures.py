@@ -152,11 +152,11 @@ def test_places_of_the_mechanism(motion):
     scene = mechanism.from_run(read(motion))
     assert list(scene.bodies) == ["rod", "plate"]
     (a, b) = scene.links[0]
-    np.testing.assert_allclose([scene.at(a, 9), scene.at(b, 9)], [[1.0, 0.0], [0.0, 0.0]], atol=1.0e-15)
+    np.testing.assert_allclose([scene.position(a, 9), scene.position(b, 9)], [[1.0, 0.0], [0.0, 0.0]], atol=1.0e-15)
     end, base, direction = scene.sliders[0]
-    np.testing.assert_allclose(scene.at(end, 20), [1.0 + 2.0 * np.cos(0.5), 2.0 * np.sin(0.5)])
+    np.testing.assert_allclose(scene.position(end, 20), [1.0 + 2.0 * np.cos(0.5), 2.0 * np.sin(0.5)])
     assert (base.body, direction) == (None, 0.0)
-    np.testing.assert_allclose([scene.at(place, 0) for place in scene.springs[0]], [[0.0, 2.5], [0.0, 3.0]])
+    np.testing.assert_allclose([scene.position(place, 0) for place in scene.springs[0]], [[0.0, 2.5], [0.0, 3.0]])
     corners = set(map(tuple, scene.outline(scene.bodies["plate"], 0).round(12)))
     assert corners == {(-0.5, 1.5), (0.5, 2.0), (0.0, 2.5)}
 
@@ -213,7 +213,7 @@ def test_animate_refuses_in_one_line(motion, runs, capsys):
         ([str(runs[0] / "history.txt")], "has no body frames"),
         ([str(other)], "summary.json: has no scene of this motion (its body 'other' is not in the motion)"),
         ([str(path), "--frames", "1"], "at least 2 frames"),
-        ([str(path), "--trace", "rod.9"], "no place 'rod.9' to trace; there are rod.1, plate"),
+        ([str(path), "--trace", "rod.9"], "no marker 'rod.9' to trace; there are rod.1, plate"),
     ]
     for words, told in cases:
         assert animate_command.main(words) == 2
@@ -242,7 +242,7 @@ def test_numbers_of_the_command_line_are_refused_with_what_was_expected(motion, 
 
 def test_lumps_names_and_paths_are_drawn_and_a_film_is_written(motion, tmp_path):
     scene = mechanism.from_run(read(motion))
-    np.testing.assert_allclose(scene.at(scene.lumps[0], 0), [-0.5, 1.5])
+    np.testing.assert_allclose(scene.position(scene.lumps[0], 0), [-0.5, 1.5])
     mechanism.add_trace(scene, "Rod.3")
     np.testing.assert_allclose(scene.traces[0][20 * mechanism.PER_ELEMENT], [1.0 + 2.0 * np.cos(0.5), 2.0 * np.sin(0.5)])
     figure = animate.sheet(scene, 2)

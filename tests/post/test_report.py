@@ -183,7 +183,7 @@ def test_modes_and_responses_have_their_figures(modal_run, monkeypatch):
     (part,) = report_tool.modal([run]).parts
     table = read(modal_run, "modes")
     assert part.pictures == ["beam: shapes", "beam: poles"]
-    assert [row[1] for row in part.rows] == [report_tool.short(pole["mode"]) for pole in run.figures["modes"]["poles"]]
+    assert [row[1] for row in part.rows] == [report_tool.table_text(pole["mode"]) for pole in run.figures["modes"]["poles"]]
     assert part.rows[0][2] == f"{table['frequency'][0]:.4g}"
     section = report_tool.responses([run])
     assert (section.title, section.parts[0].pictures) == ("Frequency response", ['beam: response to force "tip"'])
@@ -234,7 +234,7 @@ def fake(folder, letter, status, columns):
 
 def test_only_so_many_columns_are_drawn_and_what_one_run_lacks_is_named(tmp_path, monkeypatch):
     seen = []
-    monkeypatch.setattr(report_tool, "drawn", lambda *words: seen.append(words[2]) or [])
+    monkeypatch.setattr(report_tool, "column_pictures", lambda *words: seen.append(words[2]) or [])
     many = ["t[s]", *(f"c{k}[m]" for k in range(43))]
     section = report_tool.histories([fake(tmp_path / "one", "A", 0, many)])
     assert section.parts[0].paragraphs == ["The first 40 of 43 columns are drawn; history.txt holds all."]
@@ -260,4 +260,4 @@ def test_a_damaged_table_is_a_fault_of_a_run_that_ended_well_only(tmp_path):
 
 @pytest.mark.parametrize(("figure", "shown"), [(None, "–"), (1234567, "1,234,567"), (0.000123456, "0.0001235"), ("rk4", "rk4")])
 def test_figures_of_tables(figure, shown):
-    assert report_tool.short(figure) == shown
+    assert report_tool.table_text(figure) == shown

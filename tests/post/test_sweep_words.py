@@ -229,7 +229,7 @@ def batch(folder: Path, said: str, **changes: object) -> Batch:
     program.write_text(f'#!/bin/sh\nif [ "$1" = --flat ]; then exec cat "$2"; fi\n{said}\n')
     program.chmod(0o755)
     runs = {k: ((), ((Target("transient", "", "t_end", 0), value),)) for k, value in ((4, 0.5), (5, False))}
-    words = dict(assignments=runs, scalars=(Scalar("peak", "peak", "tip.v"),), keep=None, lean=True)
+    words = dict(assignments=runs, scalars=(Scalar("peak", "peak", "tip.v"),), keep=None, only_used=True)
     return Batch(str(program), str(folder / "deck.nml"), **{**words, **changes})
 
 
@@ -244,7 +244,7 @@ def test_each_run_of_a_batch_has_what_the_solver_says_of_it(tmp_path):
 
 
 def test_decks_that_are_kept_hold_the_values(tmp_path):
-    run_batch(batch(tmp_path, "true", keep=str(tmp_path / "runs"), lean=False))
+    run_batch(batch(tmp_path, "true", keep=str(tmp_path / "runs"), only_used=False))
     kept = [parse((tmp_path / "runs" / f"00000{k}.nml").read_text()) for k in (4, 5)]
     assert [deck.one("transient").values["t_end"] for deck in kept] == ["0.5", ".false."]
     assert len(kept[0].all("sensor")) == 2
@@ -256,7 +256,7 @@ def test_runs_that_the_solver_refuses_for_their_parameters_say_so_and_the_others
         "&sensor name='x' quantity='velocity' body='b' /\n"
         "&scene gravity={m},0 /\n&transient t_end=1 step=0.1 motion_step=0.1 /\n"
     )
-    words = dict(scalars=(Scalar("peak", "peak", "x.x"), Scalar("m", "summary", key="parameters.m")), keep=None, lean=True)
+    words = dict(scalars=(Scalar("peak", "peak", "x.x"), Scalar("m", "summary", key="parameters.m")), keep=None, only_used=True)
     runs = {k: ((f"m={m}",), ()) for k, m in enumerate((-1.0, 2.0, 3.0))}
     rows = run_batch(Batch(str(biela), str(tmp_path / "deck.nml"), runs, **words))
     assert rows[0].reason == f"{tmp_path}/deck.nml:2: body/b: mass={{sqrt(m)}} takes sqrt of -1, expected an argument >= 0"
@@ -266,8 +266,8 @@ def test_runs_that_the_solver_refuses_for_their_parameters_say_so_and_the_others
 def test_lean_decks_keep_what_is_measured(tmp_path):
     names = {}
     for file in ("history", "modes"):
-        lean = batch(tmp_path, "true", scalars=(Scalar("peak", "peak", "tip.v", file),))
-        names[file] = [one.name for one in parse(sweep_run.template(lean, (), ())).all("sensor")]
+        only_used = batch(tmp_path, "true", scalars=(Scalar("peak", "peak", "tip.v", file),))
+        names[file] = [one.name for one in parse(sweep_run.template(only_used, (), ())).all("sensor")]
     assert names == {"history": ["tip"], "modes": ["tip", "other"]}
 
 
@@ -294,7 +294,7 @@ def study_of(folder: Path, text: str = f"deck = 'a.nml'\n{VALUES}{RESULT}"):
 
 
 @pytest.mark.parametrize(
-    ("wish", "conditions", "told"),
+    ("goal", "conditions", "told"),
     [
         ("max peak", [], "best of 2 runs (max peak): h = 2, peak = 9"),
         ("min peak", ["h >= 2"], "best of 1 runs (min peak, h >= 2): h = 2, peak = 9"),
@@ -306,10 +306,10 @@ def study_of(folder: Path, text: str = f"deck = 'a.nml'\n{VALUES}{RESULT}"):
         ("min peak", ["h = 2"], "--where 'h = 2': 'NAME < VALUE' expected, NAME one of h, peak"),
     ],
 )
-def test_the_best_run_is_named(tmp_path, wish, conditions, told):
+def test_the_best_run_is_named(tmp_path, goal, conditions, told):
     rows = [[1.0, 4.0, ""], [2.0, 9.0, ""], [3.0, "", "failed"], [4.0, np.nan, ""]]
     try:
-        said = sweep_work.best(study_of(tmp_path), rows, wish, conditions)
+        said = sweep_work.best(study_of(tmp_path), rows, goal, conditions)
     except HistoryError as fault:
         said = str(fault)
     assert told in said

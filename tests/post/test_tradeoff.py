@@ -18,8 +18,8 @@ from biela.commands import tradeoff as tradeoff_command
 from biela.compare import differences
 from biela.deck_runs import Outcome
 from biela.histories import Event, History, read
-from biela.tradeoff_curves import Curve, doubt
-from biela.tradeoff_errors import Compared, gap, truth_of
+from biela.tradeoff_curves import Curve, uncertainty_of
+from biela.tradeoff_errors import Compared, error_of, truth_of
 from conftest import REFERENCE, ROOT, TIMEOUT
 from oracle import Scene
 from scipy.integrate import solve_ivp
@@ -129,7 +129,7 @@ def test_refined_truth_of_the_four_bar_starts_the_search_from_the_decks_own_mode
 
 
 class Fixed:
-    """A study of which `doubt` needs what is compared and the tolerance only."""
+    """A study of which `uncertainty_of` needs what is compared and the tolerance only."""
 
     compared, tolerance = Compared({}), 1e-2
 
@@ -143,12 +143,12 @@ def test_vibrations_that_one_method_damps_alike_in_all_its_runs_are_doubted():
     damped = Curve("rk4", outcomes=[outcome(0.0)], left=1e-9)
     ringing = Curve("dopri5", outcomes=[outcome(2e-3)], left=1e-5)
     unsure = Curve("dopri5", outcomes=[outcome(2e-3)], left=5e-3)
-    assert doubt(Fixed, damped, [damped, ringing]) == pytest.approx(2e-3 / np.sin(1.0), rel=0.1)
-    assert doubt(Fixed, damped, [damped, unsure]) == 1e-9, "no estimate, no witness"
-    assert doubt(Fixed, ringing, [ringing, Curve("generalized_alpha", outcomes=[outcome(0.0)], left=1e-9)]) == 1e-5
+    assert uncertainty_of(Fixed, damped, [damped, ringing]) == pytest.approx(2e-3 / np.sin(1.0), rel=0.1)
+    assert uncertainty_of(Fixed, damped, [damped, unsure]) == 1e-9, "no estimate, no witness"
+    assert uncertainty_of(Fixed, ringing, [ringing, Curve("generalized_alpha", outcomes=[outcome(0.0)], left=1e-9)]) == 1e-5
     alone = replace(damped, family="radau")
     far = Curve("rk4", outcomes=[outcome(0.3)], left=0.02)
-    assert doubt(Fixed, alone, [alone, far]) > 0.2, (
+    assert uncertainty_of(Fixed, alone, [alone, far]) > 0.2, (
         "an unsettled explicit run is a witness where it is farther away than it is unsure"
     )
 
@@ -164,11 +164,11 @@ def test_at_an_event_the_error_of_its_time_counts_and_not_the_jump():
         return Outcome(0, "", ("f", "x"), ("N", "m"), data, events=events)
 
     truth = truth_of(run(0.5, 0.655), Compared({}))
-    assert gap(run(0.5, 0.655), truth).largest == 0.0
-    late = gap(run(0.605, 0.655), truth)
+    assert error_of(run(0.5, 0.655), truth).largest == 0.0
+    late = error_of(run(0.605, 0.655), truth)
     assert (late.column, late.largest, late.each["f"]) == ("events", pytest.approx(0.105), 0.0)
-    assert gap(run(0.5, 0.675), truth).each["events"] == pytest.approx(0.02)
-    assert gap(run(2.0, 0.655), truth).each["events"] == pytest.approx(0.5)
+    assert error_of(run(0.5, 0.675), truth).each["events"] == pytest.approx(0.02)
+    assert error_of(run(2.0, 0.655), truth).each["events"] == pytest.approx(0.5)
 
 
 @pytest.mark.long

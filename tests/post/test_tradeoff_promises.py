@@ -14,7 +14,7 @@ from biela.commands import tradeoff as tradeoff_command
 from biela.deck_runs import COUNTS, Outcome, OutOfTimeError, Runner
 from biela.histories import read_summary
 from biela.material_law import of_group
-from biela.tradeoff_errors import Gap, gap
+from biela.tradeoff_errors import RunError, error_of
 from biela.tradeoff_report import Result
 from biela.tradeoff_settings import Setting, columns
 from biela.tradeoff_study import Point
@@ -46,12 +46,12 @@ def test_columns_are_asked_for_by_their_own_names_or_by_their_sensors():
 
 def tables(biela: Path, folder: Path, monkeypatch, runs: int, *options: str) -> tuple[int, str]:
     """Return the status and the table of a study whose time ends after so many runs of the solver."""
-    made, real = [], Runner._run
+    curve, real = [], Runner._run
 
     def counted(self: Runner, place: Path) -> Outcome:
-        if len(made) >= runs and self.share <= tradeoff_truth.LATE:
+        if len(curve) >= runs and self.share <= tradeoff_truth.LATE:
             raise OutOfTimeError
-        made.append(place)
+        curve.append(place)
         return real(self, place)
 
     monkeypatch.setattr(Runner, "_run", counted)
@@ -116,7 +116,7 @@ def test_a_deck_that_is_the_cheapest_is_recommended_as_it_is(tmp_path, monkeypat
     result = Result("deck.nml", "deck", [], [], written, [])
     for seconds, kept in ((1.2, True), (0.8, False)):
         again = outcome(TIMES + 5e-3, TIMES + 5e-3, seconds=seconds)
-        monkeypatch.setattr(study.runner, "beside", lambda *_, again=again: (again, written.outcome), raising=False)
+        monkeypatch.setattr(study.runner, "timed_in_turn", lambda *_, again=again: (again, written.outcome), raising=False)
         monkeypatch.setattr(tradeoff_work, "cancellation", lambda *_: [])
         result.written = written
         tradeoff_work.recommend(study, result, best, tmp_path)
@@ -136,18 +136,18 @@ def test_a_point_that_met_the_tolerance_by_luck_gives_way_to_the_next(tmp_path, 
     def of_text(text: str) -> Point:
         return steps[deck_text.parse(text).one("transient").number("step")]
 
-    def beside(text: str, _: str) -> tuple[Outcome, Outcome]:
+    def timed_in_turn(text: str, _: str) -> tuple[Outcome, Outcome]:
         return (last.outcome if of_text(text) is last else outcome(TIMES + 5e-2, TIMES)), written.outcome
 
-    monkeypatch.setattr(study.runner, "beside", beside, raising=False)
+    monkeypatch.setattr(study.runner, "timed_in_turn", timed_in_turn, raising=False)
     monkeypatch.setattr(study.runner, "timed", lambda text: of_text(text).outcome, raising=False)
     monkeypatch.setattr(tradeoff_work, "cancellation", lambda *_: [])
     result = Result("deck.nml", "deck", [], [], written, [])
     tradeoff_work.recommend(study, result, tradeoff_work.choose(study, np.inf), tmp_path)
     assert result.chosen.setting == last.setting
     assert result.meets
-    study.points, result.chosen, result.written = [lucky], None, replace(written, gap=gap(lucky.outcome, study.truth))
-    monkeypatch.setattr(study.runner, "beside", lambda *_: (outcome(TIMES + 5e-2, TIMES), lucky.outcome), raising=False)
+    study.points, result.chosen, result.written = [lucky], None, replace(written, error=error_of(lucky.outcome, study.truth))
+    monkeypatch.setattr(study.runner, "timed_in_turn", lambda *_: (outcome(TIMES + 5e-2, TIMES), lucky.outcome), raising=False)
     tradeoff_work.recommend(study, result, lucky, tmp_path)
     assert result.meets, "nothing cheaper is left: the deck as written"
 
@@ -249,7 +249,7 @@ def test_the_sensor_that_decides_the_cost_is_named_with_what_leaving_it_out_woul
 
 
 def test_gaps_of_single_sensors():
-    found = Gap(0.3, 0.1, "b.x", {"a.x": 0.1, "a.y": 0.2, "b.x": 0.3})
+    found = RunError(0.3, 0.1, "b.x", {"a.x": 0.1, "a.y": 0.2, "b.x": 0.3})
     assert (found.without("a"), found.without("b"), found.without("c")) == (0.3, 0.2, 0.3)
 
 
@@ -335,8 +335,8 @@ def test_static_shapes_are_tried_beside_few_modes_and_go_with_the_modes():
         body = model.one("body", "few")
         assert bool(body.number("modes")) == body.flag("static_shapes", False), "nodal coordinates have no static shapes"
     labels = ["few: 8 modes of 12 coordinates", "few: 2 modes and static shapes", "m: 2 Maxwell terms (modulus within 0.1)"]
-    assert deck_models.in_force(labels) == labels[1:]
-    assert deck_models.in_force([*labels, "few: rigid"]) == [labels[2], "few: rigid"]
+    assert deck_models.effective_removals(labels) == labels[1:]
+    assert deck_models.effective_removals([*labels, "few: rigid"]) == [labels[2], "few: rigid"]
 
 
 def test_the_elastomer_is_told_to_be_maxwell_terms_by_a_reference_of_radau(biela, run_deck, tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ from biela import deck_models, deck_text, tradeoff_errors, tradeoff_search, trad
 from biela.commands import tradeoff as tradeoff_command
 from biela.deck_runs import Outcome, OutOfTimeError, RunsError
 from biela.tradeoff_curves import Curve
-from biela.tradeoff_errors import Compared, Gap, gap, truth_of
+from biela.tradeoff_errors import Compared, RunError, error_of, truth_of
 from biela.tradeoff_report import Result, head, table, verdict
 from biela.tradeoff_settings import Setting
 from biela.tradeoff_study import FULL, Step, Study
@@ -156,10 +156,10 @@ def test_the_search_starts_from_the_coarsest_model_that_is_right(study, monkeypa
 def test_runs_that_cannot_be_compared_are_told():
     truth = truth_of(outcome(TIMES, TIMES), Compared({}))
     with pytest.raises(RunsError, match=r"a run lacks the column b\.x"):
-        gap(outcome(TIMES, TIMES, names=("a.x", "c.x")), truth)
+        error_of(outcome(TIMES, TIMES, names=("a.x", "c.x")), truth)
     short = outcome(TIMES, TIMES)
     with pytest.raises(RunsError, match="a run lacks rows at the times of the reference"):
-        gap(replace(short, data=short.data[::2]), truth)
+        error_of(replace(short, data=short.data[::2]), truth)
 
 
 def test_nothing_is_recommended_where_nothing_is_known(study):
@@ -203,14 +203,14 @@ def test_a_recommendation_that_the_time_or_the_solver_does_not_allow_to_run(stud
     result = Result("deck.nml", "deck", [], [], unmeasured, [])
     monkeypatch.setattr(study.runner, "timed", lambda _: outcome(TIMES + 1e-3, TIMES, seconds=0.25))
     tradeoff_work.verify(study, result, chosen)
-    assert (result.chosen.cost, result.chosen.gap.largest) == (0.25, pytest.approx(1e-3))
+    assert (result.chosen.cost, result.chosen.error.largest) == (0.25, pytest.approx(1e-3))
 
     def late(_: str) -> None:
         raise OutOfTimeError
 
     monkeypatch.setattr(study.runner, "timed", late)
     tradeoff_work.verify(study, result, chosen)
-    assert (result.chosen.cost, result.chosen.gap.largest) == (0.5, pytest.approx(2e-3))
+    assert (result.chosen.cost, result.chosen.error.largest) == (0.5, pytest.approx(2e-3))
     assert result.notes == ["the time ended: the figures of recommended.nml are those of the same run of the search"]
     monkeypatch.setattr(study.runner, "timed", lambda _: FAILED)
     with pytest.raises(RunsError, match=r"^recommended\.nml does not run: line 3: refused$"):
@@ -229,11 +229,11 @@ def test_removals_that_were_run_before_the_time_ended_stay_in_the_table(study, m
         raise OutOfTimeError
 
     monkeypatch.setattr(study.runner, "all", late)
-    monkeypatch.setattr(study.runner, "kept", kept.get)
-    assert tradeoff_search.greedy(study, DECK, best, [best.setting], {}) == [best]
+    monkeypatch.setattr(study.runner, "stored", kept.get)
+    assert tradeoff_search.simplify(study, DECK, best, [best.setting], {}) == [best]
     first, second = study.steps
     assert (first.label, first.effect.largest, first.change) == ("rod: rigid", pytest.approx(4e-3), pytest.approx(4e-3))
-    assert second == Step(1, "rod: elastic twin", Gap(math.inf, math.inf, ""), note="not run")
+    assert second == Step(1, "rod: elastic twin", RunError(math.inf, math.inf, ""), note="not run")
 
 
 def test_a_solver_that_is_no_program_is_told_in_one_line(tmp_path, capsys):
@@ -275,29 +275,29 @@ def test_what_the_solver_warns_of_and_what_is_absent_are_told(tmp_path):
     base = SimpleNamespace(curves=[curve])
     study = study_with(tmp_path, point(1e-3, 1e-3, 1.0))
     study.reasons["radau"] = "radau step 0.1 s: the step is too large"
-    assert tradeoff_work.absent(args, study, base) == [
+    assert tradeoff_work.methods_left_out(args, study, base) == [
         "dopri5: not in --methods",
         "generalized_alpha: not in --methods",
         "radau: radau step 0.1 s: the step is too large",
         "radau adaptive: there was no time for it",
     ]
-    doubt = "the solver warns of the deck as written: body bends too far"
-    told = dict(doubts=[doubt], dropped=["a.y", "pad.state"], absent=["dopri5: not in --methods"])
+    uncertainty_of = "the solver warns of the deck as written: body bends too far"
+    told = dict(warnings=[uncertainty_of], dropped=["a.y", "pad.state"], methods_left_out=["dopri5: not in --methods"])
     result = Result("a.nml", "deck", [], [], study.points[0], [], **told)
     lines = table(study, result).splitlines()
-    assert lines[2] == f"- {doubt}"
+    assert lines[2] == f"- {uncertainty_of}"
     assert "not compared, rounding alone: a.y" in lines
     assert "not compared, states, whose events are compared by their times: pad.state" in lines
     assert "left out: dopri5: not in --methods" in lines
     assert "  none was tried: there is no adequate setting, or nothing to remove" in lines, "no empty tables"
-    assert doubt in head(study, result)
+    assert uncertainty_of in head(study, result)
 
 
 def test_a_setting_has_one_cost_and_one_error_wherever_it_stands(tmp_path):
     """What the last run of a setting measured replaces the search's figures, of that model and that setting alone."""
     old, other, smaller = point(1e-3, 1e-3, 1.0), point(1e-3, 1e-3, 2.0, index=4), point(1e-3, 1e-3, 3.0, "without x")
     study = study_with(tmp_path, old, other, smaller)
-    study.steps.append(Step(1, "x", old.gap, best=old))
-    study.settle(old.model, old.setting.words(study.grid), point(2e-3, 1e-3, 0.5))
+    study.steps.append(Step(1, "x", old.error, best=old))
+    study.update(old.model, old.setting.words(study.grid), point(2e-3, 1e-3, 0.5))
     assert [p.cost for p in study.points] == [0.5, 2.0, 3.0]
-    assert study.steps[0].best.gap.largest == study.points[0].gap.largest == pytest.approx(2 * old.gap.largest)
+    assert study.steps[0].best.error.largest == study.points[0].error.largest == pytest.approx(2 * old.error.largest)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from biela import deck_text
 from biela.deck_runs import Outcome, Runner
-from biela.tradeoff_errors import Compared, gap, truth_of
+from biela.tradeoff_errors import Compared, error_of, truth_of
 from biela.tradeoff_settings import Setting, grid_of
 from biela.tradeoff_study import FULL, Point, Study
 from conftest import REFERENCE
@@ -34,4 +34,4 @@ def point(a: float, b: float, seconds: float, model: str = FULL, index: int = 3,
     """Return a point whose columns are off by a and b."""
     made = outcome(TIMES + a, TIMES + b, seconds=seconds)
     truth = truth_of(outcome(TIMES, TIMES), Compared({}))
-    return Point(model, Setting(family, index), deck_text.read(CRANK), made, gap(made, truth))
+    return Point(model, Setting(family, index), deck_text.read(CRANK), made, error_of(made, truth))
