@@ -10,7 +10,7 @@ module lapack
   implicit none (type, external)
   private
   public :: dpbtrf, dsyev, dsteqr, dsygvd, dgesv, dgeev, dgtsv
-  public :: dgbtrf, dgbtrs, zgbtrf, zgbtrs, dgesdd, dgeqp3, dorgqr
+  public :: zgbtrf, zgbtrs, dgesdd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
   character(32) :: refused = ''                !! the first routine with a wrong argument since `refused_routine` was called
@@ -75,22 +75,6 @@ module lapack
       real(wp), intent(inout) :: dl(*), d(*), du(*), b(ldb, *)   !! three diagonals; right-hand sides, then solutions [any]
       integer, intent(out) :: info
     end subroutine dgtsv
-    !> LU factor of a real band matrix.
-    subroutine dgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
-      import :: wp
-      integer, intent(in) :: m, n, kl, ku, ldab
-      real(wp), intent(inout) :: ab(ldab, *)   !! matrix, then its factor [any]
-      integer, intent(out) :: ipiv(*), info
-    end subroutine dgbtrf
-    !> Solves with the factor of dgbtrf.
-    subroutine dgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
-      import :: wp
-      character, intent(in) :: trans
-      integer, intent(in) :: n, kl, ku, nrhs, ldab, ldb, ipiv(*)
-      real(wp), intent(in) :: ab(ldab, *)   !! factor [any]
-      real(wp), intent(inout) :: b(ldb, *)  !! right-hand sides, then solutions [any]
-      integer, intent(out) :: info
-    end subroutine dgbtrs
     !> LU factor of a complex band matrix.
     subroutine zgbtrf(m, n, kl, ku, ab, ldab, ipiv, info)
       import :: wp
