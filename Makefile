@@ -4,6 +4,7 @@
 #   FC=gfortran       Fortran compiler (gfortran 12 or newer)
 #   FFLAGS=-O3        optimisation of what a step runs; floating-point arithmetic stays strict (never -ffast-math)
 #   ONCE=-O1          optimisation of what runs once a deck, where -O3 only takes longer to compile; empty: FFLAGS
+#   OUTER=-O0         optimisation of what reads decks and chooses analyses: mostly words and copies of large types; empty: ONCE
 #   WERROR=-Werror    empty: warnings of another compiler version do not stop the build
 #   NATIVE=1          adds -march=native: faster, runs on this kind of processor only
 #   DEBUG=1           the checked build (build/debug, bin/*-debug) for any target: make test DEBUG=1
@@ -19,6 +20,7 @@
 FC      = gfortran
 FFLAGS  = -O3
 ONCE    = -O1
+OUTER   = -O0
 WERROR  = -Werror
 LDLIBS  = -llapack -lblas
 PYTHON  = python3
@@ -41,12 +43,18 @@ FLAGS_debug    = $(CHECKED)
 FLAGS_sanitize = -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined
 FLAGS_coverage = -O0 -g --coverage
 FLAGS_once     = $(if $(filter release,$(BUILD)),$(ONCE))
+FLAGS_outer    = $(if $(filter release,$(BUILD)),$(ONCE) $(OUTER))
 FLAGS          = $(STANDARD) $(FLAGS_$(BUILD))
 
 # what runs once a deck, or once an output: its time is not felt ("what a step costs" of `make bench` is the judge)
-NOT_ONCE   = $(addprefix analysis/transient/mechanism_,rates events ode) system/linear/dynamic_stiffness
-ONCE_PARTS = base/ deck/ build/ stability/ output/ analysis/ modes/ main. system/mechanism system/evaluation_results system/linear/ \
-  model/history/ model/body/body_modes model/body/body_setup model/body/modal_reduction closing/assembly closing/redundancy
+NOT_ONCE    = analysis/transient/mechanism_rates system/linear/dynamic_stiffness
+ONCE_PARTS  = base/ deck/ build/ stability/ output/ analysis/ modes/ main. system/mechanism system/evaluation_results system/linear/ \
+  model/history/ model/body/body_modes model/body/body_setup model/body/body_operators model/body/modal_reduction \
+  closing/assembly closing/redundancy closing/elastic_closing algebra/block_lanczos integrate/implicit/radau_stepper \
+  system/impacts system/friction_states
+# of these, what runs neither in a step nor for a row of the results
+NOT_OUTER   = $(addprefix analysis/transient/,mechanism_ step_monitor energy_balance column_ranges stored_pass error_groups)
+OUTER_PARTS = deck/ build/ analysis/
 
 SOURCES  := $(sort $(shell find src -name '*.f90'))
 # modules of which there are two from one text: what is real(number) in it is complex in its twin, complex_...
@@ -55,6 +63,9 @@ TWINS    := $(foreach name,small_matrices banded band_lu elastic_block border_ro
 COMPLEX  := $(patsubst %,$(B)/twin/complex_%,$(notdir $(TWINS)))
 MAIN     := $(B)/main.o
 OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o)) $(COMPLEX:.f90=.o)
+PICKED    = $(filter-out $(2:%=$(B)/%%),$(filter $(1:%=$(B)/%%),$(MAIN) $(OBJECTS)))
+ONCE_OBJECTS  := $(call PICKED,$(ONCE_PARTS),$(NOT_ONCE))
+OUTER_OBJECTS := $(call PICKED,$(OUTER_PARTS),$(NOT_OUTER))
 LIBRARY  := $(B)/libbiela.a
 BIELA    := bin/biela$(SUFFIX)
 PROBE    := $(patsubst tests/%.f90,bin/%$(SUFFIX),$(sort $(wildcard tests/*.f90)))
@@ -160,16 +171,17 @@ $(VENV): requirements.txt setup.sh | $(TOOLS)
 	@./setup.sh python && touch $@
 
 # --- what a change of compiler, options or of the list of sources makes out of date
+BUILT_BY = $(FC) $(FLAGS) $(FLAGS_once) $(FLAGS_outer) $(LDLIBS)
 $(B)/flags: FORCE
-	@mkdir -p $(@D); [ "$$(cat $@ 2>&1)" = '$(FC) $(FLAGS) $(FLAGS_once) $(LDLIBS)' ] || echo '$(FC) $(FLAGS) $(FLAGS_once) $(LDLIBS)' > $@
+	@mkdir -p $(@D); [ "$$(cat $@ 2>&1)" = '$(BUILT_BY)' ] || { echo '$(BUILT_BY)' > $@.new && mv $@.new $@; }
 $(B)/sources: FORCE
-	@mkdir -p $(@D); [ "$$(cat $@ 2>&1)" = '$(SOURCES)' ] || echo '$(SOURCES)' > $@
+	@mkdir -p $(@D); [ "$$(cat $@ 2>&1)" = '$(SOURCES)' ] || { echo '$(SOURCES)' > $@.new && mv $@.new $@; }
 
 # --- the complex twins: their text, with the names of twins in it
 NAMES    := $(subst $(eval ) ,\|,$(notdir $(TWINS:.f90=)))
 define twin
 $(B)/twin/complex_$(notdir $(1)): $(1) Makefile
-	@mkdir -p $$(@D); sed -e 's/real(number)/complex(number)/g' -e '/^ *\(end \)*module\|^ *use/s/\b\($(NAMES)\)\b/complex_&/' $$< > $$@
+	@mkdir -p $$(@D); sed -e 's/real(number)/complex(number)/g' -e '/^ *\(end \)*module\|^ *use/s/\b\($(NAMES)\)\b/complex_&/' $$< > $$@.new && mv $$@.new $$@
 endef
 $(foreach file,$(TWINS),$(eval $(call twin,$(file))))
 
@@ -177,12 +189,13 @@ $(foreach file,$(TWINS),$(eval $(call twin,$(file))))
 # would not change as it is: what uses a module is compiled again where its interface has changed, not its inside
 $(B)/%.o: src/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(@D) $(B)/mod
-	$(FC) $(FLAGS) $(if $(filter $(ONCE_PARTS:%=$(B)/%%),$(filter-out $(NOT_ONCE:%=$(B)/%%),$@)),$(FLAGS_once)) -J$(B)/mod -c $< -o $@
+	$(FC) $(FLAGS) $(if $(filter $@,$(OUTER_OBJECTS)),$(FLAGS_outer),$(if $(filter $@,$(ONCE_OBJECTS)),$(FLAGS_once))) \
+	  -J$(B)/mod -c $< -o $@
 $(B)/twin/%.o: $(B)/twin/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(B)/mod
 	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@
 $(LIBRARY): $(OBJECTS) $(B)/sources
-	@rm -f $@; ar rcs $@ $(OBJECTS)
+	@rm -f $@ $@.new; ar rcs $@.new $(OBJECTS) && mv $@.new $@
 
 define link
 	@mkdir -p bin
@@ -207,7 +220,7 @@ END { for (e in edge) { split(e, part, " "); if (part[2] in home && home[part[2]
 endef
 export DEPENDENCIES
 $(B)/depend.mk: $(SOURCES) $(COMPLEX) $(B)/sources Makefile
-	@awk "$$DEPENDENCIES" $(SOURCES) $(COMPLEX) > $@
+	@awk "$$DEPENDENCIES" $(SOURCES) $(COMPLEX) > $@.new && mv $@.new $@
 ifneq ($(filter-out clean help lint setup uninstall debug sanitize coverage test-debug,$(or $(MAKECMDGOALS),all)),)
   include $(B)/depend.mk
 endif

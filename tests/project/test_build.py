@@ -73,6 +73,10 @@ def test_only_a_changed_interface_reaches_what_uses_a_module(tree):
 
     ground = tree / "src" / "base" / "ground.f90"
     every = {"src/base/ground.f90", "src/floor.f90", "src/main.f90"}
+    (tree / "awk").write_text("#!/bin/sh\necho half\nkill -9 0\n")  # make ends while it writes the order of compilation
+    (tree / "awk").chmod(0o755)
+    killed = {**os.environ, "PATH": f"{tree}:{os.environ['PATH']}"}
+    assert subprocess.run(["make"], cwd=tree, env=killed, capture_output=True, start_new_session=True, check=False).returncode == -9
     assert compiled() == every
     assert compiled() == set()
     ground.write_text("! a comment\n" + MODULE)
