@@ -140,10 +140,11 @@ def test_the_worst_mixture_of_two_vibrations_lies_between_them(run_deck):
 
 
 HALVED = """&material name='m' density=1000.0 young=1.0e9 /
+&material name='n' density=2000.0 young=0.5e9 /
 &section name='s' area=1.0e-4 inertia=1.0e-9 /
 &body name='r' kind='rigid' mass=1.0 inertia=1.0 /
-&body name='b' kind='beam' length=1.0 elements={last} material='m' section='s' axial=.false.
-  reference_node=1,{middle},1 reference_dof='u','v','v' /
+&body name='b' kind='beam' length=1.0 elements={last} element_material={half}*'m',{half}*'n'
+  section='s' axial=.false. reference_node=1,{middle},1 reference_dof='u','v','v' /
 &lump body='b' node={middle} mass=0.3 /
 &lump body='b' node={end} mass=0.01 inertia=1.0e-6 /
 &joint name='j' type='revolute' body_a='r' body_b='b' node_b={end} point_a=1.0,0.0 /
@@ -155,13 +156,13 @@ HALVED = """&material name='m' density=1000.0 young=1.0e9 /
 
 
 def test_the_advice_for_half_the_elements_is_the_bound_of_that_deck(run_deck):
-    """Lumps, joints, springs, loads and reference conditions keep to their places on the beam."""
+    """Materials, lumps, joints, springs, loads and reference conditions keep to their places on the beam."""
     run = "&transient method='rk4' step=1.0e-6 t_end=1.0 /\n"
-    told = run_deck(HALVED.format(last=4, middle=3, end=5) + run, "--check").stdout
+    told = run_deck(HALVED.format(last=4, half=2, middle=3, end=5) + run, "--check").stdout
     advised = float(re.search(r'with 2 elements on body "b":\s+(\S+) s', told)[1])
-    halved = safe_bound(run_deck, HALVED.format(last=2, middle=2, end=3), "rk4", name="halved")
+    halved = safe_bound(run_deck, HALVED.format(last=2, half=1, middle=2, end=3), "rk4", name="halved")
     assert advised == pytest.approx(halved, rel=2e-4)
-    unmoved = safe_bound(run_deck, HALVED.format(last=2, middle=3, end=3), "rk4", name="unmoved")
+    unmoved = safe_bound(run_deck, HALVED.format(last=2, half=1, middle=3, end=3), "rk4", name="unmoved")
     assert abs(unmoved / halved - 1) > 0.01, "the lump's place matters"
 
 
