@@ -144,6 +144,7 @@ def test_masses_that_become_too_uneven_in_a_run_are_told_with_the_weakest_joint(
         text += f"&body name='l{k}' mass={1e9**k} inertia={0.1 * 1e9**k} position={x},{y} angle={0.3 * k} /\n"
         text += f"&joint name='j{k}' type='revolute' body_a='l{k}' " + (f"body_b='l{k - 1}' point_b=1.0,0.0 /\n" if k else "/\n")
         x, y = x + np.cos(0.3 * k), y + np.sin(0.3 * k)
+    text += "&body name='apart' mass=1.0 inertia=1.0 /\n&joint name='j3' type='revolute' body_a='apart' /\n"
     text += "&sensor name='s' quantity='angle' body='l0' /\n"
     run = run_deck(text + "&transient t_end=10.0 method='rk4' step=1e-2 output_step=0.1 accept_unstable=.true. /\n", expect=1)
     place = re.match(r"\S+\.nml:(\d+): the run cannot go on after .*, most of all at joint \"(\w+)\"\. Results", run.stderr)

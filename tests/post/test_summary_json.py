@@ -144,8 +144,9 @@ def test_every_body_has_its_kind(run_deck):
     deck = "&material name='m' density=1600.0 young=2.1e9 /\n&section name='s' area=1e-4 inertia=1e-9 /\n"
     deck += "&body name='r' mass=1.0 inertia=1.0 /\n"
     beam = "&body name='{}' kind='beam' length=0.4 elements=2 material='m' section='s' {} /\n"
-    told = run_deck(deck + beam.format("b", "") + beam.format("block", "flexible=.false."), "--check", "--json").stdout
-    assert {b["name"]: b["kind"] for b in json.loads(told)["model"]["bodies"]} == {"r": "rigid", "b": "beam", "block": "beam"}
+    told = json.loads(run_deck(deck + beam.format("b", "") + beam.format("block", "flexible=.false."), "--check", "--json").stdout)
+    assert told["scene"]["bodies"][1]["elements"] == [[1, 2], [2, 3]]
+    assert {b["name"]: b["kind"] for b in told["model"]["bodies"]} == {"r": "rigid", "b": "beam", "block": "beam"}
 
 
 def test_json_goes_with_check(biela):
