@@ -190,16 +190,16 @@ $(foreach file,$(TWINS),$(eval $(call twin,$(file))))
 $(B)/%.o: src/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(@D) $(B)/mod
 	$(FC) $(FLAGS) $(if $(filter $@,$(OUTER_OBJECTS)),$(FLAGS_outer),$(if $(filter $@,$(ONCE_OBJECTS)),$(FLAGS_once))) \
-	  -J$(B)/mod -c $< -o $@
+	  -J$(B)/mod -c $< -o $@.new && mv $@.new $@
 $(B)/twin/%.o: $(B)/twin/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(B)/mod
-	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@
+	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@.new && mv $@.new $@
 $(LIBRARY): $(OBJECTS) $(B)/sources
 	@rm -f $@ $@.new; ar rcs $@.new $(OBJECTS) && mv $@.new $@
 
 define link
 	@mkdir -p bin
-	$(FC) $(FLAGS) -I$(B)/mod -J$(B)/mod $(filter %.f90 %.o,$^) $(LIBRARY) $(LDLIBS) -o $@
+	$(FC) $(FLAGS) -I$(B)/mod -J$(B)/mod $(filter %.f90 %.o,$^) $(LIBRARY) $(LDLIBS) -o $@.new && mv $@.new $@
 endef
 $(BIELA): $(MAIN) $(LIBRARY)
 	$(link)
