@@ -47,11 +47,10 @@ FLAGS_outer    = $(if $(filter release,$(BUILD)),$(ONCE) $(OUTER))
 FLAGS          = $(STANDARD) $(FLAGS_$(BUILD))
 
 # what runs once a deck, or once an output: its time is not felt ("what a step costs" of `make bench` is the judge)
-NOT_ONCE    = analysis/transient/mechanism_rates system/linear/dynamic_stiffness
+NOT_ONCE    = $(addprefix analysis/transient/mechanism_,rates events) system/linear/dynamic_stiffness
 ONCE_PARTS  = base/ deck/ build/ stability/ output/ analysis/ modes/ main. system/mechanism system/evaluation_results system/linear/ \
   model/history/ model/body/body_modes model/body/body_setup model/body/body_operators model/body/modal_reduction \
-  closing/assembly closing/redundancy closing/elastic_closing algebra/block_lanczos integrate/implicit/radau_stepper \
-  system/impacts system/friction_states
+  closing/assembly closing/redundancy closing/elastic_closing algebra/block_lanczos integrate/implicit/radau_stepper
 # of these, what runs neither in a step nor for a row of the results
 NOT_OUTER   = $(addprefix analysis/transient/,mechanism_ step_monitor energy_balance column_ranges stored_pass error_groups)
 OUTER_PARTS = deck/ build/ analysis/
