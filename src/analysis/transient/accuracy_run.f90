@@ -3,7 +3,8 @@
 !> of the summary is kept as text, since what that describes is gone when the next pass has begun.
 module accuracy_run
   use kinds, only: wp, ip
-  use accuracy_search, only: has_fixed_steps, pass_record, setting_words, under_way, finished, given_up, lost_pass, witness
+  use accuracy_search, only: has_fixed_steps, pass_record, pass_search, setting_words, under_way, finished, given_up, lost_pass, &
+    witness
   use accuracy_words, only: asked_errors
   use compared_columns, only: compared_names
   use errors, only: failure, status_failed
@@ -76,7 +77,8 @@ contains
       call transient_lines(run, march, fail%status, text)
     end if
     call search_lines(run, march, text)
-    if (march%search%over .and. march%search%delivered > 0 .and. .not. march%search%kept) call not_kept(run, march, text)
+    if (march%search%over .and. march%search%delivered > 0 .and. .not. march%search%kept) &
+      call warn_not_kept(run, march%search, text)
   end subroutine run_to_accuracy
 
   !> What a pass has cost and shown; its files get their names, and its part of the summary is kept, where it went to the end.
@@ -84,29 +86,29 @@ contains
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
-    type(pass_record) :: end
+    type(pass_record) :: pass
     real(wp), allocatable :: x(:)             ! differences over what is asked [-]
     associate (search => march%search, c => march%check)
-      end = search%passes(search%count)
-      end%outcome = finished
-      if (march%stopped) end%outcome = given_up
-      if (fail%happened()) end%outcome = lost_pass
-      end%cost = march%cost(run)
-      end%reached = march%last
-      end%other = search%stored
-      if (c%active .and. end%reached > 0.0_wp) then
+      pass = search%passes(search%count)
+      pass%outcome = finished
+      if (march%stopped) pass%outcome = given_up
+      if (fail%happened()) pass%outcome = lost_pass
+      pass%cost = march%cost(run)
+      pass%reached = march%last
+      pass%other = search%stored
+      if (c%active .and. pass%reached > 0.0_wp) then
         x = c%error/asked_errors(run, c)
-        end%column = maxloc(x, 1)
-        end%apart = x(end%column)
-        end%differ_at = c%differ_at
-        c%error_ratio = search%ratio(end)
-        if (end%role == witness) search%witnessed = x
+        pass%column = maxloc(x, 1)
+        pass%apart = x(pass%column)
+        pass%differ_at = c%differ_at
+        c%error_ratio = search%ratio(pass)
+        if (pass%role == witness) search%witnessed = x
       end if
-      if (end%outcome == finished .and. end%role /= witness) then
+      if (pass%outcome == finished .and. pass%role /= witness) then
         search%found = summary_record(silent=.true.)
         call transient_lines(run, march, fail%status, search%found)
       end if
-      call search%judge(end, run%d%transient%most_seconds)
+      call search%judge(pass)
     end associate
   end subroutine end_pass
 
@@ -115,47 +117,30 @@ contains
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
-    character(*), parameter :: roles(3) = [character(7) :: 'pilot', 'results', 'witness']
     character(80), allocatable :: names(:)
     integer :: k
     names = compared_names(run)
     associate (search => march%search)
       call text%line('')
       call text%open('accuracy', '{')
-      call text%figure('accuracy of ', 'asked', run%d%transient%accuracy)
-      call text%line(' of the range of each column, kept by passes that check each other; cost in explicit evaluations')
+      call text%figure('accuracy of ', 'asked', run%d%transient%accuracy, &
+                       rest=' of the range of each column, kept by passes that check each other; cost in explicit evaluations')
       call text%open('passes', '[')
       do k = 1, search%count
-        associate (pass => search%passes(k))
-          call text%open('', '{')
-          call text%figure('  pass '//to_text(k)//', ', 'role', trim(roles(pass%role)))
-          call text%figure(': ', 'method', trim(pass%method))
-          call text%words%add(setting_words(pass))
-          call text%member(trim(merge('step     ', 'tolerance', has_fixed_steps(pass%method))), json_number(pass%setting))
-          if (pass%outcome == under_way) then
-            call text%figure(', expected to cost about ', 'expected_cost', &
-                             nint(min(search%predicted_cost(pass%method, pass%setting), pass%budget), ip))
-          else
-            call text%figure(', cost ', 'cost', nint(pass%cost, ip))
-            call text%member('reached', json_number(pass%reached))
-          end if
-          if (pass%outcome == lost_pass) call text%words%add(', lost after t = '//short_text(pass%reached, 3)//' s')
-          if (pass%outcome == given_up) call text%words%add(', given up at t = '//short_text(pass%reached, 3)//' s')
-          if (pass%role == witness .and. pass%outcome == given_up .and. pass%apart < 0.0_wp) then
-            call text%words%add(', before its first row: it tells nothing')
-          else if (pass%apart >= 0.0_wp) then
-            call text%figure('; '//trim(names(pass%column))//' errs by ', 'worst_error_of_asked', search%error_of(pass), 1)
-            call text%words%add(' of what is asked, by pass '//to_text(pass%other))
-            call text%member('worst_column', json_text(trim(names(pass%column))))
-          end if
-          if (pass%differ_at >= 0.0_wp) call text%words%add('; events differ from t = '// &
-            short_text(pass%differ_at, 3)//' s on')
-          call text%line('')
-          call text%close()
-        end associate
+        call pass_line(search, k, names, text)
       end do
       call text%close()
-      if (any(search%witnessed >= 0.0_wp)) call witnessed_lines(names, search%witnessed, text)
+      if (any(search%witnessed >= 0.0_wp)) then
+        call text%open('damped', '{')
+        call text%line('  left out or damped as too small, by the witness: '// &
+                       trim(merge('column, part of what is asked               ', &
+                                  'no column shows a hundredth of what is asked', any(search%witnessed > 0.01_wp))))
+        do k = 1, size(names)
+          if (search%witnessed(k) > 0.01_wp) call text%figure('    '//trim(names(k))//' ', trim(names(k)), &
+                                                              search%witnessed(k), 1, rest='')
+        end do
+        call text%close()
+      end if
       if (len_trim(search%choice) > 0) call text%line('  choice: '//trim(search%choice))
       call text%figure('  cost of all passes: ', 'cost', nint(sum(search%passes(1:search%count)%cost), ip), rest='')
       if (search%over) call text%member('kept', trim(merge('true ', 'false', search%kept)))
@@ -165,34 +150,52 @@ contains
     end associate
   end subroutine search_lines
 
-  !> Vibrations that only the witness has, by column; the others show less than a hundredth of what is asked.
-  subroutine witnessed_lines(names, x, text)
-    character(*), intent(in) :: names(:)
-    real(wp), intent(in) :: x(:)              !! (columns) over what is asked [-]
+  !> A pass: its method and setting, what it has cost, how it ended, its error.
+  subroutine pass_line(search, k, names, text)
+    type(pass_search), intent(in) :: search
+    integer, intent(in) :: k                  !! number of the pass
+    character(*), intent(in) :: names(:)      !! of the columns
     type(summary_record), intent(inout) :: text
-    integer :: k
-    call text%open('damped', '{')
-    if (any(x > 0.01_wp)) then
-      call text%line('  left out or damped as too small, by the witness: column, part of what is asked')
-    else
-      call text%line('  left out or damped as too small, by the witness: no column shows a hundredth of what is asked')
-    end if
-    do k = 1, size(x)
-      if (x(k) > 0.01_wp) call text%figure('    '//trim(names(k))//' ', trim(names(k)), x(k), 1, rest='')
-    end do
-    call text%close()
-  end subroutine witnessed_lines
+    character(*), parameter :: roles(3) = [character(7) :: 'pilot', 'results', 'witness']
+    character(*), parameter :: endings(2:3) = [character(10) :: 'given up', 'lost']
+    associate (pass => search%passes(k))
+      call text%open('', '{')
+      call text%figure('  pass '//to_text(k)//', ', 'role', trim(roles(pass%role)))
+      call text%figure(': ', 'method', trim(pass%method))
+      call text%words%add(setting_words(pass))
+      call text%member(trim(merge('step     ', 'tolerance', has_fixed_steps(pass%method))), json_number(pass%setting))
+      if (pass%outcome == under_way) then
+        call text%figure(', expected to cost about ', 'expected_cost', &
+                         nint(min(search%predicted_cost(pass%method, pass%setting), pass%budget), ip))
+      else
+        call text%figure(', cost ', 'cost', nint(pass%cost, ip))
+        call text%member('reached', json_number(pass%reached))
+      end if
+      if (pass%outcome > finished) call text%words%add(', '//trim(endings(pass%outcome))//' at t = '// &
+                                                       short_text(pass%reached, 3)//' s')
+      if (pass%apart >= 0.0_wp) then
+        call text%figure('; '//trim(names(pass%column))//' errs by ', 'worst_error_of_asked', search%error_of(pass), 1)
+        call text%words%add(' of what is asked, by pass '//to_text(pass%other))
+        call text%member('worst_column', json_text(trim(names(pass%column))))
+      else if (pass%role == witness .and. pass%outcome > finished) then
+        call text%words%add(', before its first row: it tells nothing')
+      end if
+      if (pass%differ_at >= 0.0_wp) call text%words%add('; events differ from t = '//short_text(pass%differ_at, 3)//' s on')
+      call text%line('')
+      call text%close()
+    end associate
+  end subroutine pass_line
 
-  !> Which columns may err by more than was asked, and why.
-  subroutine not_kept(run, march, text)
+  !> Why columns may err by more than was asked, and which one errs most.
+  subroutine warn_not_kept(run, search, text)
     type(run_state), intent(in) :: run
-    type(transient_march), intent(in) :: march
+    type(pass_search), intent(in) :: search
     type(summary_record), intent(inout) :: text
     character(80), allocatable :: names(:)
     character(:), allocatable :: words
     names = compared_names(run)
-    associate (search => march%search, pass => march%search%passes(march%search%delivered))
-      words = 'the accuracy is not kept: '//trim(search%reason)
+    words = 'the accuracy is not kept: '//trim(search%reason)
+    associate (pass => search%passes(search%delivered))
       if (pass%differ_at >= 0.0_wp) words = words//'; events of the last two passes differ from t = '// &
         short_text(pass%differ_at, 6)//' s on'
       if (pass%other == 0) then
@@ -203,5 +206,5 @@ contains
       end if
     end associate
     call warn(run, words, text)
-  end subroutine not_kept
+  end subroutine warn_not_kept
 end module accuracy_run

@@ -20,29 +20,29 @@ module accuracy_search
   integer, parameter :: most_passes = 16
   integer, parameter :: most_slow = 3          !! passes in a row that come closer too slowly, after which none follows
   real(wp), parameter :: pilot_tolerance = 1.0e-3_wp   !! where the accuracy is finer [-]
-  real(wp), parameter :: farthest = 1.0e-2_wp          !! ratio of settings up to which powers are believed [-]
+  real(wp), parameter :: farthest = 1.0e-2_wp          !! smallest ratio of settings at which powers are believed [-]
   real(wp), parameter :: coarsest = 1.0e-2_wp          !! tolerance [-]
-  real(wp), parameter :: tenth = 0.1_wp                !! tolerance of dopri5 at first, over the accuracy [-]
+  real(wp), parameter :: tenth = 0.1_wp                !! tolerance of the first dopri5 pass, over the accuracy [-]
   real(wp), parameter :: least_tolerance = 1.0e-13_wp  !! [-]
   real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5 with its projection [-]
   real(wp), parameter :: growth = 1.7_wp               !! of the cost for a tenth of the tolerance [-]
   real(wp), parameter :: witness_share = 0.25_wp       !! cost of a witness at most, of the pass that it looks at [-]
-  real(wp), parameter :: hopeless = 4.0_wp             !! cost of dopri5 over that of radau, from which it is given up [-]
+  real(wp), parameter :: hopeless = 4.0_wp             !! cost of dopri5 over that of radau at which it is given up [-]
   real(wp), parameter :: safe_share = 0.97_wp          !! of the stable bound, for rk4 [-]
 
-  !> A pass that has been made.
+  !> A pass: what it is to be, and what it has shown. The checkpoint keeps its words.
   type, public :: pass_record
     integer :: role = pilot
     integer :: outcome = under_way
-    character(20) :: method = ''
+    character(24) :: method = ''
     real(wp) :: setting = 0.0_wp              !! tolerance [-], of methods of fixed steps the step [s]
     real(wp) :: budget = huge(1.0_wp)         !! cost at which it is given up [-]
     real(wp) :: cost = 0.0_wp                 !! in explicit evaluations [-]
     real(wp) :: reached = 0.0_wp              !! [s]
-    integer :: other = 0                      !! pass with which it was compared, 0: none
-    real(wp) :: apart = -1.0_wp               !! largest difference from that over what is asked, < 0: not known [-]
-    integer :: column = 0                     !! that column
+    real(wp) :: apart = -1.0_wp               !! largest difference from the other pass over what is asked, < 0: not known [-]
     real(wp) :: differ_at = -1.0_wp           !! when the event sequences of both differ, < 0: they do not [s]
+    integer :: other = 0                      !! pass with which it was compared, 0: none
+    integer :: column = 0                     !! with the largest difference
   end type pass_record
 
   !> A search.
@@ -50,6 +50,7 @@ module accuracy_search
     logical :: active = .false.
     logical :: over = .false.
     logical :: kept = .false.                 !! the accuracy is
+    logical :: of_model = .false.             !! one pilot of a model: nothing is delivered
     integer :: count = 0                      !! passes, with the one under way
     type(pass_record) :: passes(most_passes)
     integer :: stored = 0                     !! pass whose rows are stored, 0: none
@@ -59,13 +60,11 @@ module accuracy_search
     type(pass_rows) :: rows
     type(summary_record) :: found             !! what the summary says of the pass that is delivered
     real(wp), allocatable :: witnessed(:)     !! (columns) what a witness has beside the results, of what is asked, < 0: unknown [-]
-    logical, private :: free = .false.        !! of methods
-    real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
-    real(wp), private :: explicit_cost = 0.0_wp   !! of dopri5 at its stable step over the run, 0: nothing vibrates [-]
-    real(wp), private :: first_step = 0.0_wp  !! of a method of fixed steps [s]
-    real(wp), private :: output_step = 0.0_wp, t_end = 0.0_wp   !! [s]
     integer(ip) :: began = 0                  !! count of the clock, for `most_seconds` alone
-    logical :: alone = .false.                !! a pilot of a model, of which nothing is delivered
+    type(transient_record), private :: asked  !! the deck's
+    real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
+    real(wp), private :: explicit_cost = 0.0_wp   !! of dopri5 at its stable step; 0: nothing vibrates; huge: it has failed [-]
+    real(wp), private :: first_step = 0.0_wp  !! of a method of fixed steps [s]
   contains
     procedure :: begin
     procedure :: set
@@ -89,23 +88,21 @@ contains
     integer(ip), intent(in) :: began          !! count of the clock
     self%active = .true.
     self%began = began
+    self%asked = d%transient
     self%accuracy = smallest_accuracy(d)
     allocate (self%rows%values(columns, 0:outputs), source=0.0_wp)
     allocate (self%witnessed(columns), source=-1.0_wp)
     associate (r => d%transient)
-      self%free = r%free_method
-      self%output_step = r%output_step
-      self%t_end = r%t_end
       if (bounds(2) < huge(1.0_wp)) self%explicit_cost = step_evaluations*r%t_end/bounds(2)
       self%first_step = r%output_step
       if (r%method == 'rk4') self%first_step = actual_step(r%output_step, min(safe_share*bounds(1), r%output_step))
-      if (.not. self%free) then
-        call add_first(self, r%method, '')
+      if (.not. r%free_method) then
+        call take_method(self, r%method, '')
       else if (self%explicit_cost > 0.0_wp) then
         call add(self, pass_record(pilot, method='radau', setting=max(first_setting(self, 'radau'), pilot_tolerance), &
                                    budget=0.5_wp*self%explicit_cost))
       else
-        call add_first(self, 'dopri5', 'nothing limits steps of dopri5 but accuracy')
+        call take_method(self, 'dopri5', 'nothing limits steps of dopri5 but accuracy')
       end if
     end associate
   end subroutine begin
@@ -146,7 +143,7 @@ contains
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
     if (self%count == most_passes) then
-      call finish(self, .false., 'the error does not fall below the accuracy in 16 passes')
+      call finish(self, 'the error does not fall below the accuracy in 16 passes')
       return
     end if
     self%count = self%count + 1
@@ -154,7 +151,7 @@ contains
   end subroutine add
 
   !> The first pass of a method, and why it is that one.
-  subroutine add_first(self, method, choice, budget)
+  subroutine take_method(self, method, choice, budget)
     class(pass_search), intent(inout) :: self
     character(*), intent(in) :: method
     character(*), intent(in) :: choice
@@ -162,7 +159,7 @@ contains
     self%choice = choice
     call add(self, pass_record(member, method=method, setting=first_setting(self, method)))
     if (present(budget)) self%passes(self%count)%budget = budget
-  end subroutine add_first
+  end subroutine take_method
 
   !> What a pass will cost, from the last one of the same method.
   pure real(wp) function predicted_cost(self, method, setting) result(cost)
@@ -174,7 +171,7 @@ contains
     do k = 1, self%count
       associate (before => self%passes(k))
         if (before%method /= method .or. .not. any(before%outcome == [finished, given_up])) cycle
-        cost = before%cost*self%t_end/max(before%reached, self%output_step)
+        cost = before%cost*self%asked%t_end/max(before%reached, self%asked%output_step)
         if (has_fixed_steps(method)) cost = cost*before%setting/setting
         if (.not. has_fixed_steps(method)) cost = cost*growth**log10(before%setting/setting)
       end associate
@@ -189,7 +186,7 @@ contains
     real(wp) :: part                          ! tolerance, of the first one [-]
     real(wp) :: cost                          ! of dopri5 where stability sets all steps [-]
     associate (pass => self%passes(self%count), before => self%passes(:self%count - 1))
-      r%method = pass%method
+      r%method = pass%method(:len(r%method))
       r%adaptive = .not. has_fixed_steps(pass%method)
       r%tolerance = pass%setting
       r%step = pass%setting
@@ -197,7 +194,7 @@ contains
       part = pass%setting/first_setting(self, pass%method)
       cost = min(self%explicit_cost, minval(before%cost, before%method == 'dopri5' .and. before%role == member))
       if (pass%method /= 'dopri5' .or. .not. cost > 0.0_wp) return
-      if (part < 1.0_wp) r%max_step = step_evaluations*self%t_end/cost*part**0.2_wp
+      if (part < 1.0_wp) r%max_step = step_evaluations*self%asked%t_end/cost*part**0.2_wp
     end associate
   end subroutine set
 
@@ -211,9 +208,9 @@ contains
     integer(ip) :: now, rate
     associate (pass => self%passes(self%count))
       yes = cost > pass%budget
-      if (yes .and. pass%role == member .and. .not. self%alone) yes = cost*self%t_end > hopeless*pass%budget*reached
+      if (yes .and. pass%role == member .and. .not. self%of_model) yes = cost*self%asked%t_end > hopeless*pass%budget*reached
     end associate
-    if (self%delivered == 0 .and. .not. self%alone .or. .not. most_seconds < huge(1.0_wp)) return
+    if (self%delivered == 0 .and. .not. self%of_model .or. .not. most_seconds < huge(1.0_wp)) return
     call system_clock(now, rate)
     yes = yes .or. real(now - self%began, wp) > most_seconds*real(rate, wp)
   end function spent
@@ -233,7 +230,7 @@ contains
     type(pass_record), intent(in) :: pass
     real(wp) :: part                          ! its error, of that of the other one [-]
     ratio = 1.0_wp                            ! [-]
-    if (pass%other == 0 .or. pass%differ_at >= 0.0_wp .or. falls_slowly(self, pass, 1.0_wp)) return
+    if (pass%other == 0 .or. pass%differ_at >= 0.0_wp .or. slow_passes(self, pass, 1.0_wp) > 0) return
     associate (before => self%passes(pass%other))
       if (before%method /= pass%method) return
       part = max(pass%setting/before%setting, farthest)**power(pass%method)
@@ -261,168 +258,130 @@ contains
     factor = max((1/(1 + error))**(1/power(pass%method)), farthest)   ! [-]
   end function finer
 
-  !> Takes the end of the pass under way and decides on the next one, or ends the search.
-  subroutine judge(self, end, most_seconds)
+  !> How many passes of one method in a row, the last one and those before it, differ by more than a part of the power of their
+  !> settings explains.
+  pure recursive integer function slow_passes(self, pass, part) result(n)
+    class(pass_search), intent(in) :: self
+    type(pass_record), intent(in) :: pass     !! the finest
+    real(wp), intent(in) :: part              !! [-]
+    n = 0
+    if (pass%other == 0) return
+    associate (before => self%passes(pass%other))
+      if (before%method /= pass%method .or. before%other == 0) return
+      associate (first => self%passes(before%other))
+        if (first%method /= pass%method) return
+        if (pass%apart > before%apart*(before%setting/first%setting)**(part*power(pass%method))) &
+          n = 1 + slow_passes(self, before, part)
+      end associate
+    end associate
+  end function slow_passes
+
+  !> Takes the end of the pass under way and decides what follows: another pass, or nothing.
+  subroutine judge(self, pass)
     class(pass_search), intent(inout) :: self
-    type(pass_record), intent(in) :: end      !! that pass as it has ended
-    real(wp), intent(in) :: most_seconds      !! [s]
-    self%passes(self%count) = end
-    if (end%role /= witness) self%witnessed = -1.0_wp
-    if (end%role /= witness) self%stored = 0  ! rows were put over those of the pass before
-    if (end%role /= witness .and. end%outcome == finished) then
-      call self%rows%turn()
-      self%stored = self%count
-      self%delivered = self%count
+    type(pass_record), intent(in) :: pass     !! that pass as it has ended
+    logical :: may_change                     ! dopri5 may take over from radau
+    character(:), allocatable :: why, other
+    integer :: last                           ! pass of the other method for the results, 0: none
+    real(wp) :: cost                          ! of the next pass of radau [-]
+    self%passes(self%count) = pass
+    if (pass%role /= witness) then
+      self%witnessed = -1.0_wp
+      self%stored = 0                         ! rows were put over those of the pass before
+      if (pass%outcome == finished) then
+        call self%rows%turn()
+        self%stored = self%count
+        self%delivered = self%count
+      end if
     end if
     call self%rows%forget()
-    if (self%spent(0.0_wp, 0.0_wp, most_seconds)) then
-      call finish(self, .false., 'most_seconds ended the search')
-    else if (end%role == pilot) then
-      call choose(self, end)
-    else if (end%role == witness) then
-      call hear(self, end)
-    else if (end%outcome == finished) then
-      call refine(self, end)
-    else
-      call replace(self, end)
-    end if
-  end subroutine judge
-
-  !> The method, after the pilot. dopri5 is given up where it costs far more than radau would: bending, turning or contact has then
-  !> made its stable step much shorter.
-  subroutine choose(self, pass)
-    class(pass_search), intent(inout) :: self
-    type(pass_record), intent(in) :: pass     !! of the pilot
-    real(wp) :: cost                          ! of radau [-]
-    cost = self%predicted_cost('radau', first_setting(self, 'radau')*finer(self, pass))
-    if (pass%outcome /= finished .or. cost > self%explicit_cost) then
-      call add_first(self, 'dopri5', 'the stable step of dopri5 asks for less than radau', cost)
-      return
-    end if
-    self%choice = 'radau resolves the motion at less cost than the stable step of dopri5 asks for'
-    if (pass%setting > first_setting(self, 'radau')) call add_first(self, 'radau', self%choice)
-    if (pass%setting <= first_setting(self, 'radau')) call add_finer(self, pass)
-  end subroutine choose
-
-  !> What follows a pass of the results: nothing, a witness, a finer pass, or the other method.
-  subroutine refine(self, pass)
-    class(pass_search), intent(inout) :: self
-    type(pass_record), intent(in) :: pass
-    logical :: leaves_radau                   ! dopri5 may follow: it has not cost too much
-    real(wp) :: cost                          ! of the next pass of radau [-]
-    leaves_radau = self%free .and. pass%method == 'radau' .and. self%explicit_cost < huge(1.0_wp)
-    if (pass%apart >= 0.0_wp .and. self%error_of(pass) <= 1.0_wp) then
+    may_change = self%asked%free_method .and. self%explicit_cost < huge(1.0_wp)
+    if (self%spent(0.0_wp, 0.0_wp, self%asked%most_seconds)) then
+      call finish(self, 'most_seconds ended the search')
+    else if (pass%role == pilot) then
+      cost = self%predicted_cost('radau', first_setting(self, 'radau')*finer(self, pass))
+      why = 'radau resolves the motion at less cost than the stable step of dopri5 asks for'
+      if (pass%outcome /= finished .or. cost > self%explicit_cost) then
+        call take_method(self, 'dopri5', 'the stable step of dopri5 asks for less than radau', cost)
+      else if (pass%setting > first_setting(self, 'radau')) then
+        call take_method(self, 'radau', why)
+      else
+        self%choice = why
+        call refine(self, pass)
+      end if
+    else if (pass%role == witness) then
+      if (pass%apart <= 1.0_wp) then
+        call finish(self, '')
+      else if (may_change) then
+        call take_method(self, 'dopri5', 'radau damps vibrations that a column shows')
+      else
+        call refine(self, self%passes(self%stored))
+      end if
+    else if (pass%outcome /= finished) then   ! the other method, where it has not been lost; radau goes on where it was left
+      other = trim(merge('radau ', 'dopri5', pass%method == 'dopri5'))
+      why = trim(merge(' was lost                    ', ' cost far more than expected ', pass%outcome == lost_pass))
+      associate (before => self%passes(1:self%count))
+        last = findloc(before%method == other .and. before%role == member, .true., 1, back=.true.)
+      end associate
+      if (.not. may_change) then
+        call finish(self, 'a finer pass'//why)
+      else if (last == 0) then
+        call take_method(self, other, trim(pass%method)//why)
+      else if (other == 'radau' .and. self%passes(last)%outcome == finished) then
+        self%choice = trim(pass%method)//why
+        call refine(self, self%passes(last))
+      else
+        call finish(self, 'a finer pass'//why)
+      end if
+      if (other == 'radau') self%explicit_cost = huge(1.0_wp)   ! it is not tried again
+    else if (pass%apart >= 0.0_wp .and. self%error_of(pass) <= 1.0_wp) then
       if (pass%method == 'dopri5') then
-        call finish(self, .true., '')
+        call finish(self, '')
       else
         call add(self, pass_record(witness, method='dopri5', setting=max(1.0e-3_wp*self%accuracy, least_tolerance), &
                                    budget=witness_share*pass%cost))
       end if
-    else if (leaves_radau) then
+    else if (may_change .and. pass%method == 'radau') then
       cost = self%predicted_cost('radau', pass%setting*finer(self, pass))
       if (cost < self%explicit_cost) then
-        call add_finer(self, pass)
+        call refine(self, pass)
       else
-        call add_first(self, 'dopri5', 'the next pass of radau would cost more than the stable step of dopri5 asks for', cost)
+        call take_method(self, 'dopri5', 'the next pass of radau would cost more than the stable step of dopri5 asks for', cost)
       end if
-    else if (slow_passes(self, pass) < most_slow) then
-      call add_finer(self, pass)
+    else if (slow_passes(self, pass, 0.5_wp) < most_slow) then
+      call refine(self, pass)
     else if (pass%differ_at >= 0.0_wp) then
-      call finish(self, .false., 'finer passes have other sequences of events: the motion cannot be predicted')
+      call finish(self, 'finer passes have other sequences of events: the motion cannot be predicted')
     else
-      call finish(self, .false., 'finer passes come no closer: rounding or chaos')
+      call finish(self, 'finer passes come no closer: rounding or chaos')
     end if
-  end subroutine refine
+  end subroutine judge
 
-  !> The same method, more finely.
-  subroutine add_finer(self, pass)
+  !> The same method follows, more finely.
+  subroutine refine(self, pass)
     class(pass_search), intent(inout) :: self
     type(pass_record), intent(in) :: pass
     character(8) :: digits
     real(wp) :: setting                       ! [-] or [s]
     setting = pass%setting*finer(self, pass)
     if (has_fixed_steps(pass%method)) then
-      setting = actual_step(self%output_step, setting)
+      setting = actual_step(self%asked%output_step, setting)
+    else if (pass%setting <= least_tolerance) then
+      call finish(self, 'tolerances end at 1e-13')
+      return
     else
       digits = es_text(max(setting, least_tolerance), 1)     ! tolerances are told as they are
       read (digits, *) setting
     end if
-    if (pass%setting <= least_tolerance .and. .not. has_fixed_steps(pass%method)) then
-      call finish(self, .false., 'tolerances end at 1e-13')
-    else
-      call add(self, pass_record(member, method=pass%method, setting=setting))
-    end if
-  end subroutine add_finer
-
-  !> Whether differences of three passes of one method fall with less than a part of the power that is expected.
-  pure logical function falls_slowly(self, pass, part) result(yes)
-    class(pass_search), intent(in) :: self
-    type(pass_record), intent(in) :: pass     !! the finest
-    real(wp), intent(in) :: part              !! [-]
-    yes = .false.
-    if (pass%other == 0) return
-    associate (before => self%passes(pass%other))
-      if (before%method /= pass%method .or. before%other == 0) return
-      associate (first => self%passes(before%other))
-        if (first%method /= pass%method) return
-        yes = pass%apart > before%apart*(before%setting/first%setting)**(part*power(pass%method))
-      end associate
-    end associate
-  end function falls_slowly
-
-  !> How many passes in a row, the last one and those before it, fall with less than half the power.
-  pure recursive integer function slow_passes(self, pass) result(n)
-    class(pass_search), intent(in) :: self
-    type(pass_record), intent(in) :: pass     !! the finest
-    n = 0
-    if (falls_slowly(self, pass, 0.5_wp)) n = 1 + slow_passes(self, self%passes(pass%other))
-  end function slow_passes
-
-  !> What a witness tells of the pass before it.
-  subroutine hear(self, pass)
-    class(pass_search), intent(inout) :: self
-    type(pass_record), intent(in) :: pass     !! of the witness
-    if (pass%apart <= 1.0_wp) then
-      call finish(self, .true., '')
-    else if (self%free .and. self%explicit_cost < huge(1.0_wp)) then
-      call add_first(self, 'dopri5', 'radau damps vibrations that a column shows')
-    else
-      call add_finer(self, self%passes(self%stored))
-    end if
-  end subroutine hear
-
-  !> What follows a pass that was lost or cost too much: the other method, where it has not been lost. Radau goes on where it was.
-  subroutine replace(self, pass)
-    class(pass_search), intent(inout) :: self
-    type(pass_record), intent(in) :: pass
-    character(:), allocatable :: why
-    character(20) :: other
-    integer :: last                           ! pass of the other method for the results, 0: none
-    other = merge('radau               ', 'dopri5              ', pass%method == 'dopri5')
-    why = trim(merge(' was lost                    ', ' cost far more than expected ', pass%outcome == lost_pass))
-    associate (before => self%passes(1:self%count))
-      last = findloc(before%method == other .and. before%role == member, .true., 1, back=.true.)
-    end associate
-    if (.not. self%free .or. .not. self%explicit_cost < huge(1.0_wp)) then
-      call finish(self, .false., 'a finer pass'//why)
-    else if (last == 0) then
-      call add_first(self, trim(other), trim(pass%method)//why)
-    else if (other == 'radau' .and. self%passes(last)%outcome == finished) then
-      self%choice = trim(pass%method)//why
-      call add_finer(self, self%passes(last))
-    else
-      call finish(self, .false., 'a finer pass'//why)
-    end if
-    if (other == 'radau') self%explicit_cost = huge(1.0_wp)   ! it is not tried again
-  end subroutine replace
+    call add(self, pass_record(member, method=pass%method, setting=setting))
+  end subroutine refine
 
   !> The search is over.
-  subroutine finish(self, kept, reason)
+  subroutine finish(self, reason)
     class(pass_search), intent(inout) :: self
-    logical, intent(in) :: kept
-    character(*), intent(in) :: reason        !! why it is not; else nothing
+    character(*), intent(in) :: reason        !! why the accuracy is not kept; empty: it is
     self%over = .true.
-    self%kept = kept
+    self%kept = len(reason) == 0
     self%reason = reason
   end subroutine finish
 
@@ -430,24 +389,12 @@ contains
   subroutine exchange(self, a)
     class(pass_search), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    integer :: k
+    real(wp), allocatable :: words(:)         ! of the passes [any]
     if (.not. self%active) return
     call a%exchange(self%count)
-    do k = 1, min(self%count, most_passes)
-      associate (pass => self%passes(k))
-        call a%exchange(pass%role)
-        call a%exchange(pass%outcome)
-        call a%exchange(pass%method)
-        call a%exchange(pass%setting)
-        call a%exchange(pass%budget)
-        call a%exchange(pass%cost)
-        call a%exchange(pass%reached)
-        call a%exchange(pass%other)
-        call a%exchange(pass%apart)
-        call a%exchange(pass%column)
-        call a%exchange(pass%differ_at)
-      end associate
-    end do
+    words = transfer(self%passes, [0.0_wp])
+    call a%exchange(words)
+    self%passes = transfer(words, self%passes)
     call a%exchange(self%stored)
     call a%exchange(self%delivered)
     call a%exchange(self%choice)

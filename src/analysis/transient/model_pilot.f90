@@ -114,7 +114,7 @@ contains
     found%names = compared_names(run)
     associate (search => march%search)
       search%active = .true.
-      search%alone = .true.
+      search%of_model = .true.
       search%began = self%began
       search%count = 1
       search%passes(1) = pass_record(member, method='radau', setting=self%tolerance, &

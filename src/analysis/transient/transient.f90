@@ -329,7 +329,7 @@ contains
     due = run%d%transient%checkpoint_interval > 0.0_wp
     if (due) due = march%method%t >= march%saved + run%d%transient%checkpoint_interval
     if (.not. (due .or. signal > 0)) return
-    if (march%search%alone) then
+    if (march%search%of_model) then
       call fail%raise(status_signal + signal, 'a signal stopped a pilot')
       return
     end if
