@@ -15,7 +15,6 @@ module model_choice
   use scene_run, only: run_state, prepare_run
   use sorting, only: ascending
   use summary, only: add_warnings
-  use summary_text, only: summary_record
   use text, only: short_text, to_text
   implicit none (type, external)
   private
@@ -28,6 +27,17 @@ module model_choice
   real(wp), parameter :: halving_error = 4/3.0_wp   !! error of a mesh over the change where errors fall by four [-]
   real(wp), parameter :: mesh_share = 0.25_wp  !! of what a column may err by that the mesh may take [-]
   real(wp), parameter :: modes_share = 0.5_wp  !! the same of left-out modes [-]
+
+  !> A search of the poorest model that is good enough, by pilots beside a better model.
+  type :: model_search
+    logical :: by_elements = .false.           !! numbers of elements are looked for; else of modes
+    real(wp) :: share = 0.0_wp                 !! of what a column may err by that the model may take [-]
+    type(pilot_series) :: pilots
+    type(pilot_result) :: reference            !! of the better model
+    type(pilot_result) :: kept                 !! of the poorest model that is good enough so far
+    type(pilot_result) :: missed               !! of the last one that is not
+    type(failure) :: lost                      !! why the search ended early
+  end type model_search
 
 contains
 
@@ -64,7 +74,9 @@ contains
     type(run_state), intent(inout) :: run
     type(failure), intent(inout) :: fail
     type(fault_list) :: faults
+    type(deck) :: better
     logical :: meshed, reduced
+    integer :: k
     meshed = any(run%d%bodies%auto_elements)
     reduced = any(run%d%bodies%auto_modes)
     run%model_found = meshed .or. reduced .or. run%d%transient%check_reduction .or. run%d%transient%check_mesh
@@ -73,16 +85,25 @@ contains
     if (run%restart) then
       call run%exchange_model(run%saved)
     else
-      associate (text => run%model_words)
-        call text%open('reduction', '{')
-        if (meshed) call choose_elements(run%d, run%began, run%model_error, text)
-        if (reduced) call choose_modes(run%d, run%began, run%model_error, text)
-        if (run%d%transient%check_reduction) call check_model(run, take_meshes(run%d), 'left-out modes, beside nodal coordinates', &
-                                                              '', 1.0_wp, text)
-        if (run%d%transient%check_mesh) call check_model(run, halved(run%d), 'meshes, beside elements of half the length', &
-                                                         'mesh_', halving_error, text)
-        call text%close()
-      end associate
+      call run%model_words%open('reduction', '{')
+      if (meshed) call choose_elements(run)
+      if (reduced) call choose_modes(run)
+      if (run%d%transient%check_reduction) then
+        better = run%d
+        do k = 1, size(better%bodies)
+          if (better%bodies(k)%modes > 0) call take_mesh(better%bodies(k))
+        end do
+        call check_model(run, better, 'left-out modes, beside nodal coordinates', '', 1.0_wp)
+      end if
+      if (run%d%transient%check_mesh) then
+        better = run%d
+        do k = 1, size(better%bodies)
+          if (better%bodies(k)%kind /= 'beam' .or. better%bodies(k)%auto_elements) cycle
+          call set_elements(better, k, 2*better%bodies(k)%elements)
+        end do
+        call check_model(run, better, 'meshes, beside elements of half the length', 'mesh_', halving_error)
+      end if
+      call run%model_words%close()
     end if
     if (caught_signal() > 0) call fail%raise(status_signal + caught_signal(), 'stopped by signal '//to_text(caught_signal())// &
       ' in a pilot, before the run: no file was written or changed; run the deck again')
@@ -90,74 +111,55 @@ contains
     if ((meshed .or. reduced) .and. .not. fail%happened()) call prepare_run(run, faults, fail)
   end subroutine choose_model
 
-  !> A deck in nodal coordinates.
-  function take_meshes(d) result(better)
-    type(deck), intent(in) :: d
-    type(deck) :: better
-    integer :: k
-    better = d
-    do k = 1, size(d%bodies)
-      if (d%bodies(k)%modes > 0) call take_mesh(better%bodies(k))
-    end do
-  end function take_meshes
-
-  !> A deck with beams of twice as many elements.
-  function halved(d) result(better)
-    type(deck), intent(in) :: d
-    type(deck) :: better
-    integer :: k
-    better = d
-    do k = 1, size(d%bodies)
-      if (d%bodies(k)%kind /= 'beam' .or. d%bodies(k)%auto_elements) cycle
-      call set_elements(better, k, 2*d%bodies(k)%elements)
-    end do
-  end function halved
-
   !> The errors of the deck's model beside a better one.
-  subroutine check_model(run, better, words, prefix, factor, text)
-    type(run_state), intent(in) :: run
+  subroutine check_model(run, better, words, prefix, factor)
+    type(run_state), intent(inout) :: run
     type(deck), intent(in) :: better
     character(*), intent(in) :: words                !! what is looked at
     character(*), intent(in) :: prefix               !! of the names of figures
     real(wp), intent(in) :: factor                   !! error over the difference from the better model [-]
-    type(summary_record), intent(inout) :: text
-    type(pilot_series) :: pilots
-    type(pilot_result) :: reference, found
-    type(failure) :: lost
-    call pilots%begin(run%d, run%began, factor)
-    call pilots%run(better, reference, lost)
-    if (.not. lost%happened()) call pilots%run(run%d, found, lost, reference)
-    call pilots%title(words, text)
-    if (allocated(found%error)) call column_lines(prefix//'errors', found%names, found%error, found%range, text)
-    if (lost%status == status_failed) call add_warnings(text, run%d%path, 'warning: errors of the model are not known: '// &
-                                                        lost%message//new_line('a'))
-    call cost_line(pilots, prefix, text)
+    type(model_search) :: s
+    character(:), allocatable :: doubt
+    call s%pilots%begin(run%d, run%began, factor)
+    call s%pilots%run(better, s%reference, s%lost)
+    if (.not. s%lost%happened()) call s%pilots%run(run%d, s%kept, s%lost, s%reference)
+    doubt = ''
+    if (s%lost%status == status_failed) doubt = 'errors of the model are not known: '//s%lost%message
+    call report(run, s, words, prefix, '', doubt)
   end subroutine check_model
 
-  !> What all pilots have cost.
-  subroutine cost_line(pilots, prefix, text)
-    type(pilot_series), intent(in) :: pilots
-    character(*), intent(in) :: prefix               !! of the names of the figures
-    type(summary_record), intent(inout) :: text
-    call text%figure('  cost of ', prefix//'pilots', pilots%count)
-    call text%figure(' pilots: ', prefix//'cost', nint(pilots%cost, ip), rest=' explicit evaluations')
-  end subroutine cost_line
-
-  !> The numbers that bodies have got.
-  subroutine number_lines(d, what, is_chosen, numbers, text)
-    type(deck), intent(in) :: d
-    character(*), intent(in) :: what                 !! that is counted
-    logical, intent(in) :: is_chosen(:)              !! (bodies)
-    integer, intent(in) :: numbers(:)                !! (bodies)
-    type(summary_record), intent(inout) :: text
+  !> What a search has found: numbers of bodies, errors of columns, a warning, what it has cost.
+  subroutine report(run, s, words, prefix, notes, doubt)
+    type(run_state), intent(inout) :: run
+    type(model_search), intent(in) :: s
+    character(*), intent(in) :: words                !! what is looked at
+    character(*), intent(in) :: prefix               !! of the names of figures
+    character(*), intent(in) :: notes                !! lines
+    character(*), intent(in) :: doubt                !! for a warning; empty: none
+    character(:), allocatable :: what
     integer :: k
-    call text%open(what, '{')
-    do k = 1, size(d%bodies)
-      if (is_chosen(k)) call text%figure('  body "'//trim(d%bodies(k)%name)//'": '//what//'=', trim(d%bodies(k)%name), &
-                                         numbers(k), rest='')
-    end do
-    call text%close()
-  end subroutine number_lines
+    associate (text => run%model_words, bodies => run%d%bodies)
+      call text%line('')
+      call text%line(words//', by pilots (radau, tolerance '//to_text(s%pilots%tolerance)//'):')
+      if (s%share > 0.0_wp) then                     ! else nothing was chosen
+        what = trim(merge('elements', 'modes   ', s%by_elements))
+        call text%open(what, '{')
+        do k = 1, size(bodies)
+          if (merge(bodies(k)%auto_elements, bodies(k)%auto_modes, s%by_elements)) &
+            call text%figure('  body "'//trim(bodies(k)%name)//'": '//what//'=', trim(bodies(k)%name), &
+                             merge(bodies(k)%elements, bodies(k)%modes, s%by_elements), rest='')
+        end do
+        call text%close()
+      end if
+      call text%words%add(notes)
+      if (allocated(s%kept%error)) call column_lines(prefix//'errors', s%kept%names, s%kept%error, s%kept%range, text)
+      if (allocated(s%missed%error)) call text%line('  fewer are not enough: '//worst_words(s%missed)//'; they may take '// &
+                                                    to_text(s%share))
+      if (len(doubt) > 0) call add_warnings(text, run%d%path, 'warning: '//doubt//new_line('a'))
+      call text%figure('  cost of ', prefix//'pilots', s%pilots%count)
+      call text%figure(' pilots: ', prefix//'cost', nint(s%pilots%cost, ip), rest=' explicit evaluations')
+    end associate
+  end subroutine report
 
   !> The worst column of a pilot in words.
   function worst_words(found) result(words)
@@ -170,164 +172,152 @@ contains
 
   !> Elements of the bodies with elements='auto': the meshes of all are refined together until one is good enough by the next finer
   !> one; beside that each body is then given the fewest that are good enough. Where two finer meshes in a row come no closer,
-  !> nothing is gained any more. The errors are not allocated where no two meshes could be compared.
-  subroutine choose_elements(d, began, error, text)
-    type(deck), intent(inout) :: d
-    integer(ip), intent(in) :: began                 !! count of the clock
-    real(wp), allocatable, intent(out) :: error(:)   !! [of the columns]
-    type(summary_record), intent(inout) :: text
-    type(pilot_series) :: pilots
-    type(pilot_result) :: reference, found, kept
-    type(failure) :: lost
-    character(:), allocatable :: words
+  !> nothing is gained any more.
+  subroutine choose_elements(run)
+    type(run_state), intent(inout) :: run
+    type(model_search) :: s
+    type(pilot_result) :: found
+    character(:), allocatable :: doubt
     integer, allocatable :: level(:)                 ! elements of each body's longest way between two places; 0: it has its own
     integer, allocatable :: chosen(:)                ! those with the smallest error so far
-    integer :: b, low, high
-    logical :: good
-    call pilots%begin(d, began, halving_error)
-    good = .false.
-    level = merge(1, 0, d%bodies%auto_elements)
+    integer, allocatable :: steps(:)
+    integer :: b
+    s = model_search(by_elements=.true., share=mesh_share)
+    call s%pilots%begin(run%d, run%began, halving_error)
+    level = merge(1, 0, run%d%bodies%auto_elements)
     chosen = first_elements*level
-    call pilots%run(with(level), reference, lost)
-    if (lost%happened() .and. .not. pilots%over) then   ! one element may be too few for what the deck asks of the body
-      lost = failure()
+    call s%pilots%run(numbered(run%d, s, level), s%reference, s%lost)
+    if (s%lost%happened() .and. .not. s%pilots%over) then   ! one element may be too few for what the deck asks of the body
+      s%lost = failure()
       level = 2*level
-      call pilots%run(with(level), reference, lost)
+      call s%pilots%run(numbered(run%d, s, level), s%reference, s%lost)
     end if
-    do while (.not. lost%happened())
-      call pilots%run(with(2*level), found, lost, reference)
-      if (lost%happened()) exit
-      reference = found
-      if (allocated(kept%error)) good = found%worst() < kept%worst()
-      if (good .or. .not. allocated(kept%error)) then
-        kept = found
+    do while (.not. s%lost%happened())
+      call s%pilots%run(numbered(run%d, s, 2*level), found, s%lost, s%reference)
+      if (s%lost%happened()) exit
+      s%reference = found
+      if (found%worst() < s%kept%worst()) then
+        s%kept = found
         chosen = level
       end if
-      good = kept%worst() <= mesh_share
-      if (good .or. maxval(level) >= max(4*maxval(chosen), least_level) .or. maxval(level) == most_level) exit
+      if (s%kept%worst() <= mesh_share .or. maxval(level) >= max(4*maxval(chosen), least_level) .or. &
+          maxval(level) == most_level) exit
       level = 2*level
     end do
     level = chosen
-    do b = 1, merge(size(level), 0, good)
-      low = 0
-      if (count(level > 0) == 1) low = level(b)/2
-      high = level(b)
-      do while (high - low > 1 .and. .not. pilots%over)
-        level(b) = (low + high)/2
-        call pilots%run(with(level), found, lost, reference)
-        if (found%worst() <= mesh_share) then
-          high = level(b)
-          kept = found
-        else
-          low = level(b)
-        end if
+    if (s%kept%worst() <= mesh_share) then
+      do b = 1, size(level)
+        steps = spread(b, 1, level(b))
+        level(b) = 0
+        call bisect(run, s, level, steps, merge(size(steps)/2, 0, all(level == 0)))
       end do
-      level(b) = high
-    end do
-    d = with(level)
-    call pilots%title('elements=''auto'', beside finer meshes', text)
-    call number_lines(d, 'elements', level > 0, d%bodies%elements, text)
-    words = 'what the mesh makes columns err is not known'
-    if (allocated(kept%error)) then
-      call column_lines('mesh_errors', kept%names, kept%error, kept%range, text)
-      words = worst_words(kept)
-      error = kept%error
     end if
-    if (lost%happened()) words = words//': '//lost%message
-    if (.not. lost%happened()) words = words//' on meshes that no finer one betters'
-    if (kept%worst() > 1 - least_part .and. lost%status <= status_signal) then   ! more than its share may be: steps need no more
-      call add_warnings(text, d%path, 'warning: elements=''auto'': '//words//new_line('a'))
+    run%d = numbered(run%d, s, level)
+    doubt = ''
+    if (s%kept%worst() > 1 - least_part .and. s%lost%status <= status_signal) then   ! steps need no more than the rest
+      doubt = 'elements=''auto'': what the mesh makes columns err is not known'
+      if (allocated(s%kept%error)) doubt = 'elements=''auto'': '//worst_words(s%kept)
+      if (s%lost%happened()) doubt = doubt//': '//s%lost%message
+      if (.not. s%lost%happened()) doubt = doubt//' on meshes that no finer one betters'
     end if
-    call cost_line(pilots, 'mesh_', text)
-  contains
-    !> The deck with meshes of some levels.
-    function with(levels) result(x)
-      integer, intent(in) :: levels(:)               !! (bodies)
-      type(deck) :: x
-      integer :: k
-      x = d
-      do k = 1, size(levels)
-        if (levels(k) > 0) call set_mesh(x, k, levels(k))
-      end do
-      call begin_model(x)
-    end function with
+    call report(run, s, 'elements=''auto'', beside finer meshes', 'mesh_', '', doubt)
+    if (allocated(s%kept%error)) run%model_error = s%kept%error
   end subroutine choose_elements
 
   !> Numbers of modes of the bodies with modes='auto': all below a frequency, the lowest one that keeps the errors small enough.
-  subroutine choose_modes(d, began, error, text)
-    type(deck), intent(inout) :: d
-    integer(ip), intent(in) :: began                 !! count of the clock
-    real(wp), allocatable, intent(inout) :: error(:) !! of meshes; receives that of modes as well [of the columns]
-    type(summary_record), intent(inout) :: text
-    type(pilot_series) :: pilots
-    type(pilot_result) :: reference, found, kept, missed
-    type(failure) :: lost, no_end
+  subroutine choose_modes(run)
+    type(run_state), intent(inout) :: run
+    type(model_search) :: s
+    character(:), allocatable :: notes, doubt
     real(wp), allocatable :: frequency(:)            ! beyond the first one of each body [Hz]
     integer, allocatable :: body(:)                  ! whose it is
-    integer :: low, high, level
-    call pilots%begin(d, began, 1.0_wp)
-    call list_frequencies(d, body, frequency, lost)
-    if (.not. lost%happened()) call pilots%run(d, reference, lost)
-    low = -1
-    high = size(body)                                ! as many: nodal coordinates cost less
-    do while (.not. (lost%happened() .or. pilots%over) .and. high - low > 1)
-      level = (low + high)/2
-      no_end = failure()
-      call pilots%run(with_modes(level), found, no_end, reference)
-      if (pilots%over) lost = no_end
-      if (is_enough()) then
-        high = level
-        kept = found
+    integer, allocatable :: numbers(:)               ! of modes of each body
+    integer :: n
+    s = model_search(share=modes_share)
+    notes = ''
+    doubt = ''
+    call s%pilots%begin(run%d, run%began, 1.0_wp)
+    call list_frequencies(run%d, body, frequency, s%lost)
+    if (.not. s%lost%happened()) call s%pilots%run(run%d, s%reference, s%lost)
+    if (.not. s%lost%happened()) then
+      numbers = merge(1, 0, run%d%bodies%auto_modes)
+      call bisect(run, s, numbers, body, -1)
+    end if
+    if (allocated(s%kept%error)) then
+      run%d = numbered(run%d, s, numbers)
+      n = sum(numbers) - count(run%d%bodies%auto_modes)
+      if (n > 0) notes = '  the highest at '//short_text(frequency(n), 2)//' Hz'//new_line('a')
+    else if (.not. s%lost%happened()) then
+      notes = '  as many modes as the mesh has would be needed, or more than '//to_text(most_modes)// &
+              ': nodal coordinates, or all modes with reference=''free'''//new_line('a')
+      if (any(run%d%bodies%auto_modes .and. .not. run%d%bodies%static_shapes)) &
+        notes = notes//'  with static_shapes=.true. few may be enough'//new_line('a')
+    end if
+    if (s%lost%status == status_failed) doubt = 'modes=''auto'': fewer modes may be enough: '//s%lost%message
+    call report(run, s, 'modes=''auto'', beside nodal coordinates', '', notes, doubt)
+    if (.not. allocated(s%kept%error)) return
+    if (allocated(run%model_error)) s%kept%error = s%kept%error + run%model_error
+    run%model_error = s%kept%error
+  end subroutine choose_modes
+
+  !> The poorest model of a sequence that is good enough, by bisection. The sequence adds an element or a mode to one body after the
+  !> other, by a list; of modes as many as the list has are not tried: nodal coordinates cost less.
+  subroutine bisect(run, s, numbers, list, poor)
+    type(run_state), intent(in) :: run
+    type(model_search), intent(inout) :: s
+    integer, intent(inout) :: numbers(:)             !! (bodies) before the list; receives those of the model found
+    integer, intent(in) :: list(:)                   !! bodies
+    integer, intent(in) :: poor                      !! how much of the list is not enough
+    type(pilot_result) :: found
+    type(failure) :: lost
+    integer :: low, high, n, k
+    low = poor
+    high = size(list)
+    do while (high - low > 1 .and. .not. s%pilots%over)
+      n = (low + high)/2
+      lost = failure()
+      call s%pilots%run(numbered(run%d, s, [(numbers(k) + count(list(1:n) == k), k=1, size(numbers))]), found, lost, s%reference)
+      if (s%pilots%over) s%lost = lost
+      if (is_enough(found, s%share, run%model_error)) then
+        high = n
+        s%kept = found
       else
-        low = level
-        if (allocated(found%error)) missed = found
+        low = n
+        if (allocated(found%error)) s%missed = found
       end if
     end do
-    call pilots%title('modes=''auto'', beside nodal coordinates', text)
-    if (allocated(kept%error)) then
-      d = with_modes(high)
-      call number_lines(d, 'modes', d%bodies%auto_modes, d%bodies%modes, text)
-      if (high > 0) call text%line('  the highest at '//short_text(frequency(high), 2)//' Hz')
-      call column_lines('errors', kept%names, kept%error, kept%range, text)
-      if (allocated(error)) kept%error = kept%error + error
-      error = kept%error
-    else
-      call number_lines(d, 'modes', d%bodies%auto_modes, d%bodies%modes, text)
-      if (.not. lost%happened()) call text%line('  as many modes as the mesh has would be needed, or more than '// &
-                                     to_text(most_modes)//': nodal coordinates, or all modes with reference=''free''')
-      if (any(d%bodies%auto_modes .and. .not. d%bodies%static_shapes) .and. .not. lost%happened()) then
-        call text%line('  with static_shapes=.true. few may be enough')
-      end if
-    end if
-    if (allocated(missed%error)) call text%line('  fewer are not enough: '//worst_words(missed)//'; left-out modes may take '// &
-                                                to_text(modes_share))
-    if (lost%status == status_failed) call add_warnings(text, d%path, 'warning: modes=''auto'': fewer modes may be enough: '// &
-                                                        lost%message//new_line('a'))
-    call cost_line(pilots, '', text)
-  contains
-    !> The deck with the lowest modes of all bodies together, beyond the first one of each.
-    function with_modes(level) result(x)
-      integer, intent(in) :: level
-      type(deck) :: x
-      integer :: k
-      x = d
-      do k = 1, size(d%bodies)
-        if (d%bodies(k)%auto_modes) x%bodies(k)%modes = 1 + count(body(1:level) == k)
-      end do
-    end function with_modes
+    numbers = [(numbers(k) + count(list(1:high) == k), k=1, size(numbers))]
+  end subroutine bisect
 
-    !> Whether left-out modes take no more than their share, or than meshes and steps leave where that is less.
-    pure logical function is_enough() result(yes)
-      real(wp) :: part(size(found%names))            ! [of the column]
-      yes = allocated(found%error)
-      if (.not. yes) return
-      part = modes_share*found%asked
-      if (allocated(error)) then
-        where (error <= (1 - least_part)*found%asked) part = min(part, (1 - least_part)*found%asked - error)
-      end if
-      yes = all(found%error <= part)
-    end function is_enough
-  end subroutine choose_modes
+  !> The deck with numbers of elements or modes of its bodies.
+  function numbered(d, s, numbers) result(x)
+    type(deck), intent(in) :: d
+    type(model_search), intent(in) :: s
+    integer, intent(in) :: numbers(:)                !! (bodies)
+    type(deck) :: x
+    integer :: k
+    x = d
+    do k = 1, size(numbers)
+      if (s%by_elements .and. d%bodies(k)%auto_elements) call set_mesh(x, k, numbers(k))
+      if (.not. s%by_elements .and. d%bodies(k)%auto_modes) x%bodies(k)%modes = numbers(k)
+    end do
+    if (s%by_elements) call begin_model(x)
+  end function numbered
+
+  !> Whether a model takes no more than its share, or than the errors of meshes and steps leave where that is less.
+  pure logical function is_enough(found, share, error) result(yes)
+    type(pilot_result), intent(in) :: found
+    real(wp), intent(in) :: share                    !! of what a column may err by [-]
+    real(wp), allocatable, intent(in) :: error(:)    !! of meshes [of the column]
+    real(wp), allocatable :: part(:)                 ! [of the column]
+    yes = allocated(found%error)
+    if (.not. yes) return
+    part = share*found%asked
+    if (allocated(error)) then
+      where (error <= (1 - least_part)*found%asked) part = min(part, (1 - least_part)*found%asked - error)
+    end if
+    yes = all(found%error <= part)
+  end function is_enough
 
   !> The natural frequencies of the bodies with modes='auto' beyond the first one of each, from the lowest to the highest.
   subroutine list_frequencies(d, body, frequency, fail)
@@ -352,14 +342,12 @@ contains
     body = [integer ::]
     frequency = [real(wp) ::]
     do k = 1, size(d%bodies)
-      if (.not. d%bodies(k)%auto_modes) cycle
-      associate (n => most%bodies(k)%modes)
-        select type (basis => s%bodies(k)%basis)
-        type is (modal_model)
-          body = [body, (k, j=2, n)]
-          frequency = [frequency, sqrt(basis%omega2(2:n))/(2*pi)]
-        end select
-      end associate
+      select type (basis => s%bodies(k)%basis)
+      type is (modal_model)
+        if (.not. d%bodies(k)%auto_modes) cycle
+        body = [body, (k, j=2, most%bodies(k)%modes)]
+        frequency = [frequency, sqrt(basis%omega2(2:most%bodies(k)%modes))/(2*pi)]   ! static shapes come last
+      end select
     end do
     order = ascending(frequency)
     body = body(order)

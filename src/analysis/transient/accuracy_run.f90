@@ -6,7 +6,6 @@ module accuracy_run
   use accuracy_search, only: has_fixed_steps, pass_record, pass_search, setting_words, under_way, finished, given_up, lost_pass, &
     witness
   use accuracy_words, only: asked_errors
-  use compared_columns, only: compared_names
   use errors, only: failure, status_failed
   use mechanism_ode, only: mechanism_system
   use posix, only: standard_error, write_bytes
@@ -15,6 +14,7 @@ module accuracy_run
   use scene_run, only: run_state, no_output, warn
   use step_counts, only: step_count
   use step_monitor, only: stability_monitor, method_number
+  use stored_pass, only: compared_names
   use summary_text, only: json_number, summary_record
   use text, only: short_text, to_text
   use transient, only: run_transient, transient_march

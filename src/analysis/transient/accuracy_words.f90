@@ -4,10 +4,10 @@ module accuracy_words
   use kinds, only: wp
   use accuracy_search, only: setting_words
   use balance_words, only: balance_lines, closing_lines
-  use compared_columns, only: compared_names
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use scene_run, only: run_state, warn
+  use stored_pass, only: compared_names
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text
   use text, only: es_text, short_text, to_text

@@ -49,7 +49,6 @@ module error_check
     procedure :: begin
     procedure :: begin_stored
     procedure :: start
-    procedure :: recall
     procedure :: behind
     procedure :: advance
     procedure :: match_events
@@ -107,15 +106,6 @@ contains
     call self%seen%begin(columns)
     if (part) self%seen = column_range(minval(rows%values, 2), maxval(rows%values, 2))
   end subroutine begin_stored
-
-  !> What the other pass has at a row.
-  subroutine recall(self, rows, row, time)
-    class(error_watch), intent(inout) :: self
-    type(pass_rows), intent(inout) :: rows    !! of the other pass
-    integer(ip), intent(in) :: row
-    real(wp), intent(in) :: time              !! of the row [s]
-    if (self%active) call rows%recall(row, time, self%values, self%others)
-  end subroutine recall
 
   !> The row of t = 0, which both runs share.
   subroutine start(self, values, balance)

@@ -6,9 +6,10 @@ module followed_vibration
   use kinds, only: wp, ip
   use archive, only: value_archive
   use column_ranges, only: column_range
-  use compared_columns, only: compared_names, compared_row
   use posix, only: tell
   use scene_run, only: run_state
+  use sensors, only: read_sensors
+  use stored_pass, only: compared_names, compared_row
   use summary_text, only: summary_record
   use text, only: es_text
   use time_stepper, only: stepper
@@ -69,6 +70,7 @@ contains
     type(run_state), intent(inout) :: run
     class(stepper), intent(in) :: method
     real(wp) :: dy(size(method%y))             ! [of the state, per second]
+    real(wp) :: sensors(run%list%columns)      ! [of the column]
     logical :: ok
     if (.not. self%active .or. method%steps < self%next) return
     if (.not. allocated(self%y)) self%y = method%y      ! a restart has none
@@ -78,7 +80,8 @@ contains
     self%error(self%count) = 0.0_wp
     call method%limiting_error(self%y, self%unknown, self%error(self%count))
     call run%sys%evaluate_on_manifold(method%t, self%y, dy, ok)
-    call compared_row(run, self%y, self%values(:, self%count))
+    call read_sensors(run%list, run%sys%m, run%sys%ev, self%y, sensors)
+    self%values(:, self%count) = compared_row(run, self%y, sensors)
     call self%seen%note(self%values(:, self%count))
     self%next = method%steps + 1
     ok = ok .and. self%unknown > 0 .and. self%unknown <= 2*run%sys%m%s%nq

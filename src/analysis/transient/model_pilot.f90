@@ -4,16 +4,14 @@ module model_pilot
   use kinds, only: wp, ip
   use accuracy_search, only: member, pass_record, smallest_accuracy
   use accuracy_words, only: asked_errors
-  use compared_columns, only: compared_names
   use deck_records, only: deck
   use errors, only: failure, fault_list, status_failed, status_signal
   use force_element, only: stage_transient
   use scene_run, only: run_state, prepare_run
   use static_analysis, only: run_static
   use step_counts, only: step_count
-  use stored_pass, only: pass_rows
+  use stored_pass, only: compared_names, pass_rows
   use summary_text, only: summary_record
-  use text, only: to_text
   use transient, only: run_transient, transient_march
   implicit none (type, external)
   private
@@ -43,7 +41,6 @@ module model_pilot
   contains
     procedure :: begin
     procedure :: run => run_pilot
-    procedure :: title
   end type pilot_series
 
 contains
@@ -68,15 +65,6 @@ contains
     self%began = began
     self%factor = factor
   end subroutine begin
-
-  !> What they were for, as a heading.
-  subroutine title(self, words, text)
-    class(pilot_series), intent(in) :: self
-    character(*), intent(in) :: words
-    type(summary_record), intent(inout) :: text
-    call text%line('')
-    call text%line(words//', by pilots (radau, tolerance '//to_text(self%tolerance)//'):')
-  end subroutine title
 
   !> Runs a pilot, after the static analysis where the deck has one; where it cannot be run to its end, fail says why.
   subroutine run_pilot(self, d, found, fail, reference)

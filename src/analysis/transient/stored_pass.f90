@@ -1,11 +1,15 @@
 !> Rows and events of a pass, with which the next one is compared (theory.md, section 12). There is one table: the next pass
-!> puts its rows in place of those that it has been compared with.
+!> puts its rows in place of those that it has been compared with. The columns are those of sensors, without any of all frames and
+!> nodes.
 module stored_pass
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use column_names, only: motion_names, motion_row
+  use scene_run, only: run_state
   use switching, only: event_list
   implicit none (type, external)
   private
+  public :: compared_names, compared_row
 
   !> A pass.
   type, public :: pass_rows
@@ -22,6 +26,24 @@ module stored_pass
   end type pass_rows
 
 contains
+
+  !> Names of the columns.
+  function compared_names(run) result(names)
+    type(run_state), intent(in) :: run
+    character(80), allocatable :: names(:)
+    names = run%list%names(1:run%list%columns)
+    if (run%list%columns == 0) names = motion_names(run%sys%m)
+  end function compared_names
+
+  !> Their values at a state.
+  function compared_row(run, y, sensors) result(values)
+    type(run_state), intent(in) :: run
+    real(wp), intent(in) :: y(:)              !! (ny) the state [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(in) :: sensors(:)        !! what all sensors read there [of the column]
+    real(wp), allocatable :: values(:)        !! [of the column]
+    values = sensors
+    if (size(sensors) == 0) values = motion_row(run%sys%m, y(1:run%sys%m%s%nq))
+  end function compared_row
 
   !> A row, and the events since the last one that was read.
   subroutine recall(self, row, time, values, events)

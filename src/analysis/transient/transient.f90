@@ -5,9 +5,7 @@ module transient
   use accuracy_search, only: pass_search, witness
   use archive, only: value_archive
   use checkpoint, only: write_checkpoint
-  use column_names, only: motion_row
   use column_ranges, only: column_range
-  use compared_columns, only: compared_names
   use choose_stepper, only: make_stepper
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
@@ -25,6 +23,7 @@ module transient
   use run_summary, only: announce
   use scene_run, only: run_state, no_output
   use sensors, only: read_sensors
+  use stored_pass, only: compared_names, compared_row
   use step_control, only: error_norm
   use step_counts, only: actual_step, step_count
   use text, only: es_text, to_text
@@ -260,21 +259,16 @@ contains
     end associate
   end subroutine write_state
 
-  !> Compares a row of a pass with that of the pass before, and keeps it for the next one: of sensors, without any of frames and
-  !> nodes.
+  !> Compares a row of a pass with that of the pass before, and keeps it for the next one.
   subroutine compare_pass(run, march, t, k)
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
     real(wp), intent(in) :: t                  !! [s]
     integer(ip), intent(in) :: k               !! number of the row
-    real(wp), allocatable :: x(:)
-    if (run%list%columns > 0) then
-      x = march%files%values
-    else
-      x = motion_row(run%sys%m, run%y(1:run%sys%m%s%nq))
-    end if
-    associate (search => march%search)
-      call march%check%recall(search%rows, k, t)
+    real(wp), allocatable :: x(:)              ! the row [of the column]
+    x = compared_row(run, run%y, march%files%values)
+    associate (search => march%search, c => march%check)
+      if (c%active) call search%rows%recall(k, t, c%values, c%others)
       call march%check%match_events(run%sys%events, march%last)
       call march%check%compare(x)
       if (search%passes(search%count)%role /= witness) call search%rows%keep(k, x, run%sys%events)
