@@ -54,16 +54,17 @@ contains
     character(80), allocatable :: names(:)
     logical, allocatable :: too_large(:)
     character(:), allocatable :: doubt
+    logical :: within                          ! all rows agree as well as is asked
     integer :: k
     names = compared_names(run)
-    if (.not. march%check%stored) names = run%list%names(1:run%list%columns)
     associate (c => march%check)
-      e = c%error_ratio*c%error
+      names = names(:size(c%error))            ! without sensors a second run compares nothing
       range = c%seen%moved(run%sys%m%s, names, run%d%transient%t_end)
-      asked = [(huge(1.0_wp), k=1, size(e))]
+      e = c%error_ratio*c%error
+      asked = spread(huge(1.0_wp), 1, size(e))
       if (c%stored) asked = asked_errors(run, c)
-      if (c%stored .and. any(e > asked) .and. c%differ_at >= 0.0_wp) e = c%error_ratio*c%agreed
-      x = 0*e
+      within = c%stored .and. all(e <= asked)
+      if (c%differ_at >= 0.0_wp .and. .not. within) e = c%error_ratio*c%agreed
       if (c%stored) then
         associate (other => march%search%passes(march%search%stored))
           call text%line('  estimated errors, by pass '//to_text(march%search%stored)//' ('//trim(other%method)// &
@@ -76,14 +77,15 @@ contains
       if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
       too_large = e > asked
       if (allocated(run%model_error)) where (asked < huge(1.0_wp)) e = e + run%model_error
-      where (range > 0.0_wp) x = e/range
-      call column_lines('estimated_errors', names(:size(e)), e, range, text, too_large)
-      call event_words(run, c, c%stored .and. all(c%error_ratio*c%error <= asked), text)
+      call column_lines('estimated_errors', names, e, range, text, too_large)
+      call event_words(run, c, within, text)
       if (c%stored) return
       call text%line('  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
       doubt = doubts(march%balance, c)
       if (len(doubt) > 0) call warn(run, doubt, text)
-      if (size(x) == 0) return
+      if (size(e) == 0) return
+      x = 0*e
+      where (range > 0.0_wp) x = e/range
       k = maxloc(x, 1)
       if (len(doubt) > 0) then
         call text%line('  accuracy: unknown, columns may err by more than was estimated')

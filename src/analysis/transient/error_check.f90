@@ -43,7 +43,7 @@ module error_check
     integer(ip) :: matched = 0                !! events of both runs
     real(wp) :: event_error = 0.0_wp          !! largest difference of their times [s]
     real(wp) :: differ_at = -1.0_wp           !! time from which the events of both runs differ, < 0: they do not [s]
-    real(wp), allocatable :: agreed(:)        !! (columns) a stored run: largest difference before that time [of the column]
+    real(wp), allocatable :: agreed(:)        !! (columns) largest difference before that time [of the column]
     logical, private :: between = .false.     !! the present row lies between an event of one run and that of the other
   contains
     procedure :: begin
@@ -87,7 +87,7 @@ contains
     self%sys%ev%evaluations = 0
     call make_stepper(finer, sys%m%s, fastest, self%method)
     self%y = y
-    allocate (self%values(columns), self%error(columns), source=0.0_wp)
+    allocate (self%values(columns), self%error(columns), self%agreed(columns), source=0.0_wp)
     call self%seen%begin(columns)
     call self%method%begin(self%sys, 0.0_wp, y)
     call self%balance%begin(self%sys%m, r%t_end)
@@ -185,15 +185,13 @@ contains
       end do
       self%between = mine%count + other%count > 0
       if (self%differ_at >= 0.0_wp) return
-      if (mine%count > 0) call judge(mine%items(1)%t)
-      if (other%count > 0) call judge(other%items(1)%t)
+      if (mine%count > 0) then
+        if (mine%items(1)%t < last) self%differ_at = mine%items(1)%t
+      end if
+      if (other%count > 0) then
+        if (other%items(1)%t < last) self%differ_at = other%items(1)%t
+      end if
     end associate
-  contains
-    !> An event without a counterpart for a row.
-    subroutine judge(t)
-      real(wp), intent(in) :: t               !! [s]
-      if (t < last) self%differ_at = t
-    end subroutine judge
   end subroutine match_events
 
   !> Compares a row of the first run with that of the second. A pass is compared to its end: where motion is damped it may come
@@ -204,9 +202,8 @@ contains
     if (.not. self%active) return
     call self%seen%note(values)
     if (self%lost_at >= 0.0_wp .or. (self%between .and. self%differ_at < 0.0_wp)) return
-    if (self%differ_at >= 0.0_wp .and. .not. self%stored) return
     self%error = max(self%error, abs(values - self%values))
-    if (self%stored .and. self%differ_at < 0.0_wp) self%agreed = self%error
+    if (self%differ_at < 0.0_wp) self%agreed = self%error
   end subroutine compare
 
   !> Saves or restores the second run.
@@ -214,17 +211,14 @@ contains
     class(error_watch), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     if (.not. self%active) return
-    call a%exchange(self%error)
+    call a%exchange(self%error, self%agreed)
     call self%seen%exchange(a)
     call self%waiting%exchange(a)
     call self%others%exchange(a)
     call a%exchange(self%matched)
     call a%exchange(self%event_error)
     call a%exchange(self%differ_at)
-    if (self%stored) then
-      call a%exchange(self%agreed)
-      return
-    end if
+    if (self%stored) return
     call a%exchange(self%done)
     call a%exchange(self%lost_at)
     call a%exchange(self%y, self%values)

@@ -1,7 +1,6 @@
-!> Whether a run by tolerance spends its steps on a vibration that no column shows. Now and then the ends of some steps in a row are
-!> looked at: where the estimated error that limits the step swings regularly, the steps follow a vibration, and where all columns
-!> swing by less than a thousandth of their ranges, `accuracy` would ask for less. A step itself costs what it costs without this
-!> watch.
+!> Whether a run by tolerance spends its steps on a vibration that no column shows. From time to time the ends of 256 steps are looked
+!> at. Where the error that limits the step swings regularly, the steps follow a vibration. Where all columns swing by less than a
+!> thousandth of their ranges, `accuracy` would ask for less. Between these looks a step costs nothing more.
 module followed_vibration
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -10,7 +9,7 @@ module followed_vibration
   use scene_run, only: run_state
   use sensors, only: read_sensors
   use stored_pass, only: compared_names, compared_row
-  use summary_text, only: summary_record
+  use summary_text, only: json_number, summary_record
   use text, only: es_text
   use time_stepper, only: stepper
   implicit none (type, external)
@@ -162,8 +161,8 @@ contains
     type(summary_record), intent(inout) :: text
     if (self%column == 0) return
     call text%line('  '//words(self, run))
-    call text%figure('  that vibration: ', 'followed_frequency', self%frequency, 3)
-    call text%figure(' Hz, ', 'followed_share', self%share, 3, rest=' of the range of that column')
+    call text%member('followed_frequency', json_number(self%frequency))   ! [Hz]
+    call text%member('followed_share', json_number(self%share))
   end subroutine lines
 
   !> Saves or restores the watch.

@@ -2,7 +2,7 @@
 !> tolerance, one of a better model, tell what the other model makes each column err (theory.md, section 12).
 module model_pilot
   use kinds, only: wp, ip
-  use accuracy_search, only: member, pass_record, smallest_accuracy
+  use accuracy_search, only: member, pass_record, pass_search, smallest_accuracy
   use accuracy_words, only: asked_errors
   use deck_records, only: deck
   use errors, only: failure, fault_list, status_failed, status_signal
@@ -80,12 +80,11 @@ contains
     run%d = d
     run%folder = ''
     run%quiet = .true.
+    march%search = pass_search(active=.true., of_model=.true., began=self%began, count=1)
+    march%search%passes(1) = pass_record(member, method='radau', setting=self%tolerance)
     associate (r => run%d%transient)
-      r%method = 'radau'
-      r%adaptive = .true.
-      r%tolerance = self%tolerance
+      call march%search%set(r)
       r%first_step = 0.0_wp
-      r%max_step = 0.0_wp
       r%check_error = .false.
       r%checkpoint_interval = 0.0_wp
       r%motion_step = 0.0_wp
@@ -101,12 +100,7 @@ contains
     run%sys%options%stage = stage_transient
     found%names = compared_names(run)
     associate (search => march%search)
-      search%active = .true.
-      search%of_model = .true.
-      search%began = self%began
-      search%count = 1
-      search%passes(1) = pass_record(member, method='radau', setting=self%tolerance, &
-                                     budget=(most_work - self%work)/run%sys%m%s%ny)
+      search%passes(1)%budget = (most_work - self%work)/run%sys%m%s%ny
       if (present(reference)) then
         search%rows = reference%rows
         search%stored = 1
