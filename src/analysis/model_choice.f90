@@ -145,8 +145,8 @@ contains
         what = trim(merge('elements', 'modes   ', s%by_elements))
         call text%open(what, '{')
         do k = 1, size(bodies)
-          if (merge(bodies(k)%auto_elements, bodies(k)%auto_modes, s%by_elements)) &
-            call text%figure('  body "'//trim(bodies(k)%name)//'": '//what//'=', trim(bodies(k)%name), &
+          if (.not. merge(bodies(k)%auto_elements, bodies(k)%auto_modes, s%by_elements)) cycle
+          call text%figure('  body "'//trim(bodies(k)%name)//'": '//what//'=', trim(bodies(k)%name), &
                              merge(bodies(k)%elements, bodies(k)%modes, s%by_elements), rest='')
         end do
         call text%close()
@@ -250,8 +250,9 @@ contains
     else if (.not. s%lost%happened()) then
       notes = '  as many modes as the mesh has would be needed, or more than '//to_text(most_modes)// &
               ': nodal coordinates, or all modes with reference=''free'''//new_line('a')
-      if (any(run%d%bodies%auto_modes .and. .not. run%d%bodies%static_shapes)) &
+      if (any(run%d%bodies%auto_modes .and. .not. run%d%bodies%static_shapes)) then
         notes = notes//'  with static_shapes=.true. few may be enough'//new_line('a')
+      end if
     end if
     if (s%lost%status == status_failed) doubt = 'modes=''auto'': fewer modes may be enough: '//s%lost%message
     call report(run, s, 'modes=''auto'', beside nodal coordinates', '', notes, doubt)

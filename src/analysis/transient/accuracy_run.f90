@@ -77,8 +77,9 @@ contains
       call transient_lines(run, march, fail%status, text)
     end if
     call search_lines(run, march, text)
-    if (march%search%over .and. march%search%delivered > 0 .and. .not. march%search%kept) &
+    if (march%search%over .and. march%search%delivered > 0 .and. .not. march%search%kept) then
       call warn_not_kept(run, march%search, text)
+    end if
   end subroutine run_to_accuracy
 
   !> What a pass has cost and shown; its files get their names, and its part of the summary is kept, where it went to the end.

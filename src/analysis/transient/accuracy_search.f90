@@ -270,8 +270,9 @@ contains
       if (before%method /= pass%method .or. before%other == 0) return
       associate (first => self%passes(before%other))
         if (first%method /= pass%method) return
-        if (pass%apart > before%apart*(before%setting/first%setting)**(part*power(pass%method))) &
+        if (pass%apart > before%apart*(before%setting/first%setting)**(part*power(pass%method))) then
           n = 1 + slow_passes(self, before, part)
+        end if
       end associate
     end associate
   end function slow_passes

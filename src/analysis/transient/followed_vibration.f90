@@ -1,6 +1,6 @@
-!> Whether a run by tolerance spends its steps on a vibration that no column shows. From time to time the ends of 256 steps are looked
-!> at. Where the error that limits the step swings regularly, the steps follow a vibration. Where all columns swing by less than a
-!> thousandth of their ranges, `accuracy` would ask for less. Between these looks a step costs nothing more.
+!> Whether a run by tolerance spends its steps on a vibration that no column shows. From time to time the ends of 256 steps are
+!> looked at. Where the error that limits the step swings regularly, the steps follow a vibration. Where all columns swing by less
+!> than a thousandth of their ranges, `accuracy` would ask for less. Between these looks a step costs nothing more.
 module followed_vibration
   use kinds, only: wp, ip
   use archive, only: value_archive
