@@ -310,7 +310,21 @@ def test_margins_are_those_of_the_open_loop(run_deck, seed):
 
 
 def test_a_loop_grows_beyond_its_critical_gain(run_deck):
-    """The gain margin multiplies all gains to where a pole stands on the axis, within 1e-6; a transient agrees, and warns."""
+    """The gain margin multiplies all gains to where a pole stands on the axis, within 1e-6; a transient agrees, and warns.
+
+    About a spinning body the velocity of a point, -a sin(w t) w, depends on the angle, too.
+    """
+    radius, angle, spin, gain = 0.3, 0.5, 8.0, -2.0
+    deck = PLANT.replace("mass=1.0", f"mass=1.0 angle={angle}").replace("angular_velocity=1.0", f"angular_velocity={spin}")
+    deck += f"&sensor name='p' quantity='velocity' body='arm' point={radius},0.0 /\n" + group(argument="p.x", kp=gain)
+    turned = run_deck(deck + "&modal modes=1 /\n", name="spinning")
+    by_angle, by_rate = (2.0 * gain * radius * part for part in (-spin * np.cos(angle), -np.sin(angle)))
+    (expected,) = (root for root in np.roots([J, C + by_rate, K + by_angle]) if root.imag > 0.0)
+    assert poles_of(turned) == pytest.approx(np.array([expected]), rel=1e-9)
+    (told,) = turned.figures["closed_loops"]["margins"]
+    (crossing,) = (x**0.5 for x in np.roots([J**2, C**2 - 2 * J * K - by_rate**2, K**2 - by_angle**2]) if x > 0)
+    at = (by_angle + 1j * crossing * by_rate) / (K - J * crossing**2 + 1j * crossing * C)
+    assert told["phase_margin"] == pytest.approx(np.degrees(np.angle(-at)), rel=1e-7)
     text, law, _ = chain(3)
     law = {"argument": "a", "kp": 0.02, "ki": 0.005, "kd": 0.01, "filter": 0.02, "delay": 0.05}
 

@@ -59,6 +59,9 @@ def scene(more: str) -> str:
 &sensor name='turn' quantity='spring' spring='turn' /
 &controller name='law' argument='d3.v' history='w' kp=2.0 kd=0.1 /
 &sensor name='law' quantity='controller' controller='law' /
+&controller name='loop' argument='tip_v.y' history='w' kp=0.4 /
+&force name='loop' type='force' body='bead' fx=0.5 fy=1.0 controller='loop' /
+&sensor name='loop' quantity='controller' controller='loop' /
 &sensor name='in' quantity='internal' body='arm' element=2 /
 &frequency_response from=0.5 to=60.0 points=9 input='f' /
 &transient t_end=1e-6 method='rk4' step=1e-6 /
@@ -125,7 +128,7 @@ def test_the_beads_reaction_is_newtons(response):
         same(response(f"{seen}.x", f"{seen}.y"), response(*names[:2]) - response(*names[2:]))
     across = (gap - np.outer(e, e @ gap)) / length
     pull = np.outer(e, spring) + response.now("hold.f") * across
-    push = np.array([[0.8], [-0.6]])
+    push = np.array([[0.8], [-0.6]]) - np.outer([0.5, 1.0], 0.4 * response("tip_v.y")[0])  # by the closed loop
     balance = MASS * response("bead_a.x", "bead_a.y") - push + pull
     assert np.abs(response.now("rod.fx", "rod.fy")).max() > 0.1
     same(response("rod.fx", "rod.fy"), balance, 1e-7)
@@ -137,6 +140,7 @@ def test_springs_and_controllers_answer_with_their_laws(response):
     same(response("turn.f"), (TURN["stiffness"] + s * TURN["damping"]) * response("turn.d"))
     same(response("turn.d"), response("bead_turn") - response("tip_turn"))
     same(response("law.out"), -(2.0 + 0.1 * s) * response("d3.v"))
+    same(response("loop.out"), -0.4 * response("tip_v.y"))
 
 
 def test_sections_answer_with_the_complex_modulus(response):

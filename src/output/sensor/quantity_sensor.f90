@@ -3,7 +3,7 @@
 module quantity_sensor
   use kinds, only: wp
   use quantity, only: quantity_box
-  use sensor, only: observation, sensor_model, harmonic_motion, marker_motion, vector_to_global
+  use sensor, only: observation, sensor_model, harmonic_motion, marker_moves
   implicit none (type, external)
   private
 
@@ -39,30 +39,11 @@ contains
     integer :: k
     do k = 1, size(self%columns)
       associate (c => self%columns(k)%item)
-        call moves(at, motion, c%ia, place(1:3), rate(1:3))
-        call moves(at, motion, c%ib, place(4:6), rate(4:6))
+        call marker_moves(at, motion, at%markers(c%ia), at%p, c%ia, place(1:3), rate(1:3))
+        call marker_moves(at, motion, at%markers(c%ib), at%p, c%ib, place(4:6), rate(4:6))
         call c%gradient(at%p, by_place, by_rate)
         x(k) = sum(by_place*place) + sum(by_rate*rate)
       end associate
     end do
   end subroutine respond
-
-  !> Displacement w of a marker and its rate w' + theta' H w, global axes.
-  subroutine moves(at, motion, k, place, rate)
-    type(observation), intent(in) :: at
-    type(harmonic_motion), intent(in) :: motion
-    integer, intent(in) :: k                  !! marker
-    complex(wp), intent(out) :: place(3)      !! [m, m, rad]
-    complex(wp), intent(out) :: rate(3)       !! [m/s, m/s, rad/s]
-    real(wp) :: turning                       ! theta' [rad/s]
-    turning = 0.0_wp
-    associate (marker => at%markers(k), b => at%markers(k)%body)
-      if (b > 0) turning = at%y(at%m%s%nq + at%m%s%qo(b) + 3)
-      place = marker_motion(at%m, marker, at%p%rho(:, k), motion%x)
-      rate = motion%s*place
-      rate(1:2) = rate(1:2) + turning*[-place(2), place(1)]
-      place(1:2) = vector_to_global(at%ev, b, place(1:2))
-      rate(1:2) = vector_to_global(at%ev, b, rate(1:2))
-    end associate
-  end subroutine moves
 end module quantity_sensor

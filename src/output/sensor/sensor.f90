@@ -7,7 +7,7 @@ module sensor
   use marker, only: marker_model, marker_states
   implicit none (type, external)
   private
-  public :: elastic_motion, marker_motion, pair_motion, vector_to_global
+  public :: elastic_motion, marker_motion, marker_moves, pair_motion, vector_to_global
 
   !> A harmonic motion x exp(s t), with multipliers lambda exp(s t), about the present state.
   type, public :: harmonic_motion
@@ -117,6 +117,28 @@ contains
       y(k:k + 1) = vector_to_global(at%ev, at%m%s%markers(merge(a, b, k == 1))%body, y(k:k + 1))
     end do
   end function pair_motion
+
+  !> Displacement w of a marker, and its rate: w', theta' H w and the turn of the elastic rate, global axes.
+  pure subroutine marker_moves(at, motion, marker, p, k, place, rate)
+    type(observation), intent(in) :: at
+    type(harmonic_motion), intent(in) :: motion
+    type(marker_model), intent(in) :: marker
+    type(marker_states), intent(in) :: p      !! of it and others
+    integer, intent(in) :: k                  !! its number there
+    complex(wp), intent(out) :: place(3)      !! [m, m, rad]
+    complex(wp), intent(out) :: rate(3)       !! [m/s, m/s, rad/s]
+    real(wp) :: u(2)                          ! elastic rate [m/s]
+    integer :: i
+    place = marker_motion(at%m, marker, p%rho(:, k), motion%x)
+    place(1:2) = vector_to_global(at%ev, marker%body, place(1:2))
+    rate = motion%s*place
+    if (marker%body == 0) return
+    i = at%m%s%qo(marker%body)
+    associate (v => at%y(at%m%s%nq + i + 1:at%m%s%nq + i + 3), arm => at%ev%frame%to_global(marker%body, p%rho(:, k)))
+      u = p%v(:, k) - v(1:2) - v(3)*[-arm(2), arm(1)]
+      rate(1:2) = rate(1:2) + v(3)*[-place(2), place(1)] + motion%x(i + 3)*[-u(2), u(1)]
+    end associate
+  end subroutine marker_moves
 
   !> A vector of a body's axes in global ones.
   pure function vector_to_global(ev, b, w) result(y)
