@@ -1,5 +1,6 @@
 """Dry friction by explicit methods: exact and independent solutions, rest without creep, states that are found or refused."""
 
+import re
 from math import atan2, cos, hypot, pi, sin, tan
 
 import numpy as np
@@ -423,6 +424,11 @@ def test_held_means_that_shares_exist(run_deck):
     unknown = [joint.get("undetermined", 0.0) for joint in run.transient["friction"]]
     assert unknown == pytest.approx(np.repeat(0.01 * np.array(held), 4), abs=1e-15)
     assert run.summary.count("its share of the load is not determined by rigid bodies") == 4 * sum(held)
+    pins = [joint["name"] for joint in run.transient["friction"][:4]]
+    light = re.sub("moment=.*", "moment=0.02 /", deck.split("&body name='l1'")[0])  # all hold: least shares, none at its limit
+    light += "".join(f"&sensor name='on_{pin}' quantity='friction' joint='{pin}' /\n" for pin in pins)
+    h = run_deck(light + "&transient method='dopri5' tolerance=1e-6 t_end=0.01 output_step=0.01 /\n", name="light").history
+    assert all(0.0 < h[f"on_{pin}.share"].max() < 0.5 for pin in pins)
 
 
 def chain(links, angle, friction, transient):
