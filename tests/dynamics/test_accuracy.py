@@ -93,6 +93,12 @@ def test_nothing_is_said_of_a_run_that_was_lost(run_deck):
         assert "accuracy: nothing is known of a run that was lost" in run.summary
         assert "energy balance: closed" not in run.summary
         assert "errs by" not in run.summary
+    mass = "&body name='b' mass=1.0 inertia=1.0 velocity=1.0,0.0 /\n&joint name='j' type='prismatic' body_a='b' /\n"
+    mass += "&spring name='s' type='linear' body_a='b' point_b=-1.0,0.0 stiffness=1e4 free_length=1.0 /\n&transient t_end=3.0 "
+    mass += "method='rk4' step=0.032 output_step=0.032 accept_unstable=.true. checkpoint_interval=1e-9 /\n"
+    told = [run_deck(mass, *options, expect=1, name="mass").stderr for options in ([], ["--restart"])]
+    assert "where energies were up to 5.000000E-01 J" in told[1]  # those before the checkpoint, too
+    assert told[1] == told[0]
 
 
 @pytest.mark.parametrize("method", ["rk4", "dopri5", "generalized_alpha"])
