@@ -52,7 +52,7 @@ class Machine:
 
     def make(self, *words):
         """Run make in a project of one source file; return what `setup` does."""
-        for name in ("make", "find", "nproc", "sed", "awk", "touch", "ar", "install"):
+        for name in ("make", "find", "nproc", "sed", "awk", "touch", "mv", "ar", "install"):
             if not (self.bin / name).exists():
                 (self.bin / name).symlink_to(shutil.which(name))
         for name in ("Makefile", "share"):

@@ -68,10 +68,17 @@ contains
     class(vibration_watch), intent(inout) :: self
     type(run_state), intent(inout) :: run
     class(stepper), intent(in) :: method
+    if (self%active .and. method%steps >= self%next) call take_sample(self, run, method)
+  end subroutine look
+
+  !> Takes a sample, and judges them after the last one.
+  subroutine take_sample(self, run, method)
+    class(vibration_watch), intent(inout) :: self
+    type(run_state), intent(inout) :: run
+    class(stepper), intent(in) :: method
     real(wp) :: dy(size(method%y))             ! [of the state, per second]
     real(wp) :: sensors(run%list%columns)      ! [of the column]
     logical :: ok
-    if (.not. self%active .or. method%steps < self%next) return
     if (.not. allocated(self%y)) self%y = method%y      ! a restart has none
     if (self%count == 0) self%unknown = 0
     self%count = self%count + 1
@@ -90,7 +97,7 @@ contains
     self%next = 2*method%steps
     if (self%column > 0) call tell(run%d%path//': note: '//words(self, run))
     self%active = self%column == 0
-  end subroutine look
+  end subroutine take_sample
 
   !> Whether the samples show a vibration of which the columns show next to nothing.
   subroutine judge(self, run)
