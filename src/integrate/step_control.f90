@@ -74,12 +74,13 @@ contains
   end subroutine watch_slopes
 
   !> Largest error of a derivative relative to the largest derivative of its group so far, in tolerances. The scale of a group is at
-  !> least a millionth of the largest of the system. Rounding is allowed besides: the largest noise of any group, since joints pass
-  !> it on, and that of the values, eps v, times h and the square of the fastest frequency.
-  real(wp) function measure_slopes(self, e, dy, h, tolerance) result(worst)   ! [-]
+  !> least a millionth of the largest of the system, and what would move the group by its floor in the run: a motion that begins
+  !> from nothing has no scale of its own. Rounding is allowed besides: the largest noise of any group, since joints pass it on, and
+  !> that of the values, eps v, times h and the square of the fastest frequency.
+  real(wp) function measure_slopes(self, e, dy, h, length, tolerance) result(worst)   ! [-]
     class(error_norm), intent(inout) :: self
     real(wp), intent(in) :: e(:), dy(:)       !! (n) errors of derivatives, derivatives at the end of the step [unit/s]
-    real(wp), intent(in) :: h                 !! step [s]
+    real(wp), intent(in) :: h, length         !! step, the whole run [s]
     real(wp), intent(in) :: tolerance         !! [-]
     real(wp), parameter :: rounding = 16*epsilon(1.0_wp), least = 1.0e-6_wp
     integer :: k
@@ -87,7 +88,7 @@ contains
     do k = 1, size(dy)
       if (self%group(k) > 0) self%scale(self%group(k)) = max(self%scale(self%group(k)), abs(dy(k)))
     end do
-    self%scale = max(self%scale, least*maxval(self%scale/self%floor, self%slope)*self%floor)
+    self%scale = max(self%scale, max(least*maxval(self%scale/self%floor, self%slope), 1/length**2)*self%floor)
     self%scale = tolerance*self%scale + maxval(self%noise/self%floor, self%slope)*self%floor &
                  + rounding*h*self%fastest**2*self%largest + tiny(1.0_wp)
     worst = 0.0_wp

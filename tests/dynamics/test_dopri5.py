@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from biela.compare import differences
 from biela.histories import read
-from conftest import REFERENCE
+from conftest import REFERENCE, ROOT
 from scipy.linalg import expm
 
 SCENES = ("vrl_elastic", "vrl_ghm", "vrl_torque_on_rod", "four_bar", "viscoelastic_joint", "spin_up", "andrews")
@@ -198,6 +198,16 @@ def test_rounding_of_a_wound_spring_takes_no_steps(angle, run_deck):
     rates = np.array([[0.0, 1.0, 0.0, 0.0], [-1200.0, 0.0, 400.0, 0.0], [0.0, 0.0, 0.0, 1.0], [1e10, 0.0, -1e10, -2e5]])
     exact = (expm(0.002 * rates) @ [-angle, 0.0, -angle, 0.0])[0] + angle
     assert abs(run.history["a"][-1] - exact) < 1e-10 * abs(exact)
+
+
+def test_a_start_from_nothing_has_steps(run_deck):
+    """All begins at 0 with a high power of time, by which no error is small; radau steps over the first microseconds."""
+    deck = re.sub(r"&transient[^/]*/|&modal[^/]*/", "", (ROOT / "input" / "controlled_arm.nml").read_text(encoding="utf-8"))
+    transient = "&transient t_end=0.02 output_step=0.01 method='{}' tolerance=1e-11 /\n"
+    run, other = (run_deck(deck + transient.format(method), name=method) for method in ("dopri5", "radau"))
+    assert run.transient["rejected"] < 5
+    for column in ("hub", "tip.y", "servo.out"):
+        np.testing.assert_allclose(run.history[column][1:], other.history[column][1:], rtol=1e-8)
 
 
 def test_rejected_steps_are_counted(run_deck):

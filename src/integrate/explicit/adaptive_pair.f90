@@ -273,7 +273,7 @@ contains
       self%slope(k) = (self%slope(k) - self%last(k))/s
     end do
     allowed = self%settings%tolerance*min(1.0_wp, max(least_share, slope_tolerances/(self%norm%fastest*length)))
-    err = max(err, self%norm%measure_slopes(self%slope, self%last, h, allowed))
+    err = max(err, self%norm%measure_slopes(self%slope, self%last, h, length, allowed))
   end subroutine measure_error
 
   !> Coefficients of the continuous extension over the step from y to trial (reference, II.6).
