@@ -16,10 +16,11 @@ module linear_state
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use mechanism_ode, only: mechanism_system
-  use scene_run, only: run_state
+  use scene_run, only: run_state, warn
+  use summary_text, only: summary_record
   implicit none (type, external)
   private
-  public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium
+  public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium, warn_of_motion
 
   real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others, as at assembly [-]
   real(wp), parameter :: at_rest = 1.0e-6_wp        !! accelerations of an equilibrium, over those without joints [-]
@@ -66,6 +67,17 @@ contains
       yes = .not. (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. maxval(abs(ev%a)) > at_rest*largest_acceleration(run))
     end associate
   end function at_equilibrium
+
+  !> Warns where the present state is at rest but no equilibrium: its stiffness lacks the forces that are not yet built up.
+  subroutine warn_of_motion(run, text)
+    type(run_state), intent(in) :: run
+    type(summary_record), intent(inout) :: text     !! the summary
+    associate (s => run%sys%m%s)
+      if (any(abs(run%y(s%nq + 1:2*s%nq)) > 0.0_wp) .or. s%rows == s%nq .or. at_equilibrium(run)) return
+    end associate
+    call warn(run, 'the state about which modes and responses are computed is no equilibrium (it would accelerate from rest): '// &
+              'they are those of the frozen instant; &static finds the equilibrium', text)
+  end subroutine warn_of_motion
 
   !> Gravity, or what frames would do without joints.
   pure real(wp) function largest_acceleration(run) result(a)

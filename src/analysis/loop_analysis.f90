@@ -11,11 +11,11 @@ module loop_analysis
   use scene_run, only: run_state, no_output, warn, stop_if_signalled
   use sorting, only: ascending
   use summary_text, only: summary_record
-  use text, only: to_text
+  use text, only: joined, to_text
   use text_file, only: result_file
   implicit none (type, external)
   private
-  public :: run_loops, warn_of_loops
+  public :: run_loops, tell_limits, warn_of_loops
 
   integer, parameter :: per_decade = 40                !! frequencies at which margins are looked for
   real(wp), parameter :: negligible = 1.0e-9_wp        !! modulus of a rigid motion's pole, over the largest [-]
@@ -82,7 +82,8 @@ contains
                 to_text(most_states)//'; expected fewer coordinates (modes=, fewer elements)', text)
       return
     end if
-    grow = count(lambda%re > growing*abs(lambda) .and. abs(lambda) > negligible*maxval(abs(lambda)))
+    grow = sum(merge(2, 1, lambda%im > 0.0_wp), lambda%re > growing*abs(lambda) .and. &
+                                                abs(lambda) > negligible*maxval(abs(lambda)))
     call text%figure(', all poles computed; growing: ', 'growing', grow)
     call text%line('')
     call file%open(run%folder//'/poles.txt')
@@ -94,19 +95,35 @@ contains
     end do
     call file%close()
     if (file%failed) call no_output(run, fail)
+    if (grow > 0) call text%line('  no margins: a closed loop is unstable')
     call text%open('margins', '[')
-    do k = 1, loops%n
+    do k = 1, merge(0, loops%n, grow > 0)
       call stop_if_signalled('modal analysis', fail)
       if (fail%happened()) exit
       call margins(loops, ds, k, lambda, text)
     end do
     call text%close()
     call text%close()
-    if (grow > 0) call warn(run, 'a closed loop is unstable: '//to_text(grow)//' of its poles grow (poles.txt)', text)
+    call tell_limits(run, text)
+    if (grow > 0) call warn(run, 'a closed loop is unstable: '//to_text(grow)//' of the poles '// &
+                            trim(merge('grows', 'grow ', grow == 1))//' (poles.txt)', text)
   end subroutine run_loops
 
-  !> Gain and phase margin of one loop opened: where the open loop is real and negative, and where its size is 1. Searched at
-  !> frequencies around all poles, with that loop closed and opened: the open loop is steep at its own poles.
+  !> Warns of controllers that are at a limit in the evaluated state: there they do not answer to small motions.
+  subroutine tell_limits(run, text)
+    type(run_state), intent(in) :: run
+    type(summary_record), intent(inout) :: text
+    character(32), allocatable :: names(:)
+    associate (s => run%sys%m%s, ev => run%sys%ev)
+      names = pack(s%controllers%name, ev%control%limited /= 0)
+    end associate
+    if (size(names) > 0) call warn(run, 'at a limit in the present state: controllers '//joined(names, ', ')// &
+                                   '; poles, margins and responses are those of loops without limits', text)
+  end subroutine tell_limits
+
+  !> Gain and phase margin of one loop of stable ones, opened: where the open loop is real and negative, the gain nearest to 1 on
+  !> either side; where its size is 1, the least lag that takes it to -1. Searched at frequencies around all poles, with that loop
+  !> closed and opened: the open loop is steep at its own poles.
   subroutine margins(loops, ds, c, lambda, text)
     type(loop_system), intent(in) :: loops
     type(stiffness_system), intent(inout) :: ds
@@ -135,8 +152,8 @@ contains
       end if
       if ((abs(left) - 1)*(abs(right) - 1) < 0.0_wp) then
         call cross(.true., at, l)
-        angle = modulo(atan2(l%im, l%re), 2*pi) - pi   ! 180 degrees and the phase, from -180 to 180
-        if (abs(angle) < abs(phase)) then
+        angle = modulo(atan2(l%im, l%re) + pi, 2*pi)
+        if (angle < phase) then
           phase = angle
           phase_at = at
         end if

@@ -6,7 +6,7 @@ module modal_analysis
   use errors, only: failure, status_failed
   use held_friction, only: set_friction, tell_friction
   use loop_analysis, only: run_loops
-  use linear_state, only: linear_system, refuse_uneven, at_equilibrium
+  use linear_state, only: linear_system, refuse_uneven, warn_of_motion
   use mode_file, only: write_modes, mode_figures
   use material_band, only: outside_band
   use mode_list, only: mode_set, vibration_mode
@@ -70,18 +70,6 @@ contains
       if (modes%kind(k) == vibration_mode .and. x(4) > 0.0_wp) f = [f, x(4)]
     end do
   end function frequencies
-
-  !> Warns where the present state is at rest but no equilibrium: its stiffness lacks the forces that are not yet built up.
-  subroutine warn_of_motion(run, text)
-    type(run_state), intent(in) :: run
-    type(summary_record), intent(inout) :: text
-    character(*), parameter :: words = 'warning: the state about which modes are computed is no equilibrium (it would '// &
-                               'accelerate from rest): they are those of the frozen instant; &static finds the equilibrium'
-    associate (s => run%sys%m%s)
-      if (any(abs(run%y(s%nq + 1:2*s%nq)) > 0.0_wp) .or. s%rows == s%nq .or. at_equilibrium(run)) return
-    end associate
-    call add_warnings(text, run%d%path, words//new_line('a'))
-  end subroutine warn_of_motion
 
   !> The table of modes for the summary.
   subroutine modal_lines(run, modes, ds, text)

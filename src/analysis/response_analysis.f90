@@ -7,8 +7,9 @@ module response_analysis
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
   use held_friction, only: set_friction, tell_friction
-  use linear_state, only: linear_system, refuse_uneven
+  use linear_state, only: linear_system, refuse_uneven, warn_of_motion
   use linearisation, only: marker_jacobian
+  use loop_analysis, only: tell_limits
   use material_band, only: outside_band
   use evaluation_results, only: conditions_of
   use scene_run, only: run_state, no_output, stop_if_signalled
@@ -73,6 +74,10 @@ contains
     call text%figure(', points: ', 'points', k - 1)
     call text%figure(', matrices: ', 'matrices_kb', ds%solver%memory()/1024, rest=' kB')
     call text%close()
+    if (.not. run%d%modal%present) then
+      call warn_of_motion(run, text)
+      call tell_limits(run, text)
+    end if
     call add_warnings(text, run%d%path, &
                       outside_band(run, 'frequencies of the response', [(frequency(run, k), k=1, run%d%response%points)]))
   end subroutine run_response

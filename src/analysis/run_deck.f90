@@ -15,7 +15,7 @@ module run_deck
   use scene_figures, only: add_scene
   use lapack, only: refused_routine
   use linear_state, only: refuse_uneven
-  use force_element, only: stage_transient
+  use force_element, only: stage_linear, stage_transient
   use readable_text, only: readable
   use results, only: remove_results, unfinished
   use run_summary, only: begin_results, finish_summary
@@ -241,6 +241,7 @@ contains
     if (run%vibrates()) call add_warnings(text, run%d%path, thick_beams(run%sys%m))
     if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
     call check_lapack('static analysis', fail)
+    if (.not. run%d%static%present) run%sys%options%stage = stage_linear
     if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
     call check_lapack('modal analysis', fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)

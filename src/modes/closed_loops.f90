@@ -1,9 +1,10 @@
-!> Controllers in linear algebra, about an evaluated state (theory.md, section 14). T(s) is that of open loops. Controller c has the
-!> transfer function H_c from the sensed quantity, g_c(s).x, to its forces b_c: closing its loop adds -H_c b_c g_c^T. Responses of
-!> closed loops follow by Woodbury's formula, all poles as eigenvalues of the whole system of first order.
+!> Controllers in linear algebra, about an evaluated state (theory.md, section 14), each as if it had no limits. T(s) is that of
+!> open loops. Controller c has the transfer function H_c from the sensed quantity, g_c(s).x, to its forces b_c: closing its loop
+!> adds -H_c b_c g_c^T. Responses of closed loops follow by Woodbury's formula, all poles as eigenvalues of the whole system of
+!> first order.
 module closed_loops
   use kinds, only: wp
-  use controller, only: controller_model
+  use controller, only: controller_model, free
   use dynamic_stiffness, only: stiffness_system
   use evaluation_results, only: conditions_of, evaluation
   use force_element, only: stage_static
@@ -24,7 +25,6 @@ module closed_loops
   type, public :: loop_system
     integer :: n = 0                                   !! controllers
     type(controller_model), allocatable :: law(:)      !! (n)
-    integer, allocatable :: side(:)                    !! (n) 0, or the limit at which each is
     real(wp), allocatable :: b(:, :)                   !! (unknowns, n) forces of a unit output [N, N m]
     real(wp), allocatable :: place(:, :)               !! (unknowns, n) g = place + s rate [-], [m], [1/s]
     real(wp), allocatable :: rate(:, :)                !! [-], [m]
@@ -47,7 +47,6 @@ contains
     integer :: k
     self%n = size(m%s%controllers)
     allocate (self%law, source=m%s%controllers)
-    self%side = ev%control%limited
     allocate (self%b(m%s%nq, self%n), self%place(m%s%nq, self%n), self%rate(m%s%nq, self%n), source=0.0_wp)
     do k = 1, self%n
       associate (q => m%s%controllers(k)%quantity)
@@ -126,7 +125,7 @@ contains
     call find_responses(self, ds, s, g, motion)
     u = sensed(self, s, x(1:ds%n))
     do k = 1, self%n
-      h = self%law(k)%response(self%side(k), s)
+      h = self%law(k)%response(free, s)
       u(k) = h*u(k)
       g(k, :) = -h*g(k, :)
       g(k, k) = g(k, k) + 1
@@ -148,11 +147,11 @@ contains
     call find_responses(self, ds, s, g, motion)
     y = g(:, c)
     do k = 1, self%n
-      g(:, k) = -g(:, k)*merge((0.0_wp, 0.0_wp), self%law(k)%response(self%side(k), s), k == c)
+      g(:, k) = -g(:, k)*merge((0.0_wp, 0.0_wp), self%law(k)%response(free, s), k == c)
       g(k, k) = g(k, k) + 1
     end do
     call solve_small(g, y)
-    l = -self%law(c)%response(self%side(c), s)*y(c)
+    l = -self%law(c)%response(free, s)*y(c)
   end function opened
 
   !> All poles with all loops closed, or with one opened: those with Im >= 0 by ascending modulus. ok is false where the eigenvalues
@@ -172,7 +171,7 @@ contains
     states = 2*c + sum(self%law%states)
     allocate (lambda(0))
     ok = .true.
-    if (states > most_states) return
+    if (states == 0 .or. states > most_states) return
     call lowest_natural_modes(ds, c, .true., omega2, x, ok)
     if (.not. ok) return
     call model%build(ds, x, spread(.false., 1, c))
@@ -211,15 +210,15 @@ contains
     y(1:c) = matmul(self%place(:, k), model%basis)/model%scale
     y(c + 1:2*c) = matmul(self%rate(:, k), model%basis)
     yd(c + 1:2*c) = matmul(self%place(:, k), model%basis)     ! asked for only where the quantity is no rate
-    associate (law => self%law(k), side => self%side(k))
+    associate (law => self%law(k))
       n = law%states
       do i = 1, c
-        a(c + i, :) = a(c + i, :) + force(i)*(law%output(n + 1, side)*y + law%output(n + 2, side)*yd)
-        a(c + i, before + 1:before + n) = a(c + i, before + 1:before + n) + force(i)*law%output(1:n, side)
+        a(c + i, :) = a(c + i, :) + force(i)*(law%output(n + 1, free)*y + law%output(n + 2, free)*yd)
+        a(c + i, before + 1:before + n) = a(c + i, before + 1:before + n) + force(i)*law%output(1:n, free)
       end do
       do i = 1, n
-        a(before + i, :) = law%rates(i, n + 1, side)*y + law%rates(i, n + 2, side)*yd
-        a(before + i, before + 1:before + n) = a(before + i, before + 1:before + n) + law%rates(i, 1:n, side)
+        a(before + i, :) = law%rates(i, n + 1, free)*y + law%rates(i, n + 2, free)*yd
+        a(before + i, before + 1:before + n) = a(before + i, before + 1:before + n) + law%rates(i, 1:n, free)
       end do
     end associate
   end subroutine add_loop

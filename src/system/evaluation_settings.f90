@@ -12,7 +12,7 @@ module evaluation_settings
     real(wp) :: gravity(2) = 0.0_wp             !! [m/s2]
     real(wp) :: load_factor = 1.0_wp            !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp              !! fraction of the springs' prestress that acts [-]
-    integer :: stage = stage_transient          !! the analysis: stage_static or stage_transient of `force_element`
+    integer :: stage = stage_transient          !! the analysis: a stage of `force_element`
     logical :: left_limit = .false.             !! jumps of histories at the time of evaluation do not act yet
     real(wp) :: t_end = huge(1.0_wp)            !! end of the run: jumps of drives there do not act [s]
     real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]

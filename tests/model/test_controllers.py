@@ -258,13 +258,13 @@ def test_poles_of_loops_are_all_found(run_deck, seed):
     """Loops that sense one disc and act on another, with filters and delays: every pole within 1e-9 of a dense eigenvalue."""
     text, law, a = chain(seed)
     run = run_deck(text + STILL + group(**law) + "&modal modes=2 /\n")
-    expected = np.linalg.eigvals(a)
-    expected = expected[expected.imag >= 0.0]
+    every = np.linalg.eigvals(a)
+    expected = every[every.imag >= 0.0]
     found = poles_of(run)
     assert len(found) == len(expected)
     for pole in expected:
         assert np.abs(found - pole).min() < 1e-9 * abs(pole) + 1e-12 * np.abs(expected).max()
-    assert run.figures["closed_loops"]["growing"] == (expected.real > 1e-9).sum()
+    assert run.figures["closed_loops"]["growing"] == (every.real > 1e-9).sum()
 
 
 def open_loop(text, law, omega):
@@ -286,9 +286,13 @@ def open_loop(text, law, omega):
 
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.long] * (seed >= 4)) for seed in range(60)])
 def test_margins_are_those_of_the_open_loop(run_deck, seed):
-    """Every crossing of the open loop on a fine grid: the gain margin nearest to 1, the smallest phase margin."""
-    text, law, _ = chain(seed)
-    (told,) = run_deck(text + STILL + group(**law) + "&modal modes=2 /\n").figures["closed_loops"]["margins"]
+    """Crossings of the open loop on a fine grid: the gain nearest to 1, the least lag to -1. Unstable loops have none."""
+    text, law, a = chain(seed)
+    margins = run_deck(text + STILL + group(**law) + "&modal modes=2 /\n").figures["closed_loops"]["margins"]
+    assert len(margins) == (np.linalg.eigvals(a).real.max() < 1e-9)
+    if not margins:
+        return
+    (told,) = margins
     omega = np.geomspace(1e-4, 1e4, 40001)
     loop = open_loop(text, law, omega)
 
@@ -300,13 +304,58 @@ def test_margins_are_those_of_the_open_loop(run_deck, seed):
     _, real = crossings(np.imag)
     gains = -1 / real[real.real < 0].real
     _, unit = crossings(lambda x: np.abs(x) - 1)
-    phases = np.degrees(np.angle(-unit))
+    phases = np.degrees(np.angle(-unit)) % 360
     assert ("gain_margin" in told) == bool(gains.size)
     assert ("phase_margin" in told) == bool(phases.size)
     if gains.size:
         assert told["gain_margin"] == pytest.approx(gains[np.abs(np.log(gains)).argmin()], rel=1e-8)
     if phases.size:
-        assert told["phase_margin"] == pytest.approx(phases[np.abs(phases).argmin()], rel=1e-7, abs=1e-7)
+        assert told["phase_margin"] == pytest.approx(phases.min(), rel=1e-7, abs=1e-7)
+
+
+SLED = """&body name='a' mass=1 inertia=1 /
+&joint name='g' type='prismatic' body_a='a' /
+&sensor name='x' quantity='position' body='a' /
+&history name='r' kind='polynomial' coefficients=1.0 /
+&force name='f' type='force' body='a' fx=1 controller='pid' /
+&sensor name='o' quantity='controller' controller='pid' /
+"""
+
+
+def test_a_limit_at_the_start_hides_no_loop(run_deck):
+    """The reference is far off: the output is at its limit. Poles and responses are those without it, and the limit is told."""
+    kp, kd, delay = 100.0, 1.0, 0.1
+    deck = SLED + group(argument="x.x", kp=kp, kd=kd, delay=delay, lower=-5, upper=5)
+    run = run_deck(deck + "&modal modes=1 /\n&frequency_response from=0.5 to=5 points=3 input='f' /\n")
+    late = np.poly1d([-(delay**3), 12 * delay**2, -60 * delay, 120]), np.poly1d([delay**3, 12 * delay**2, 60 * delay, 120])
+    poles = (np.poly1d([1, 0, 0]) * late[1] + np.poly1d([kd, kp]) * late[0]).roots
+    np.testing.assert_allclose(np.sort_complex(poles_of(run)), np.sort_complex(poles[poles.imag >= 0]), rtol=1e-9)
+    assert run.figures["closed_loops"]["growing"] == 2
+    assert run.figures["closed_loops"]["margins"] == []
+    assert "at a limit in the present state: controllers pid" in run.stderr
+    assert "2 of the poles grow" in run.stderr
+    response = np.loadtxt(run.folder / "frequency_response.txt")
+    s = 2j * np.pi * response[:, 0]
+    exact = 1 / (s**2 + (kd * s + kp) * late[0](s) / late[1](s))
+    np.testing.assert_allclose(response[:, 1] + 1j * response[:, 2], exact, rtol=1e-9)
+
+
+@pytest.mark.parametrize("law", [{"kp": 1.0}, {"kp": 1.0, "ki": 2.0, "delay": 0.1}])
+def test_a_controller_where_nothing_is_free(run_deck, law):
+    """A drive turns the only body by t, the reference: the output is 0, and so is what the loop needs of the drive."""
+    deck = """&body name='b' mass=1 inertia=1 /
+&joint name='j' type='revolute' body_a='b' /
+&history name='r' kind='polynomial' coefficients=0,1 /
+&drive name='d' type='rotation' body_a='b' history='r' /
+&sensor name='a' quantity='angle' body='b' /
+&force name='f' type='torque' body='b' moment=1 controller='pid' /
+&sensor name='o' quantity='controller' controller='pid' /
+"""
+    run = run_deck(deck + group(argument="a", **law) + "&modal modes=1 /\n&transient t_end=0.5 /\n")
+    late = law.get("delay", 0.0)
+    np.testing.assert_allclose(run.history["o.error"][-1], late, rtol=0, atol=1e-3 * (late or 1e-9))
+    assert run.figures["closed_loops"]["states"] == sum(n for key, n in {"ki": 1, "delay": 3}.items() if key in law)
+    assert len(run.figures["closed_loops"]["margins"]) == 1
 
 
 def test_a_loop_grows_beyond_its_critical_gain(run_deck):
@@ -324,7 +373,7 @@ def test_a_loop_grows_beyond_its_critical_gain(run_deck):
     (told,) = turned.figures["closed_loops"]["margins"]
     (crossing,) = (x**0.5 for x in np.roots([J**2, C**2 - 2 * J * K - by_rate**2, K**2 - by_angle**2]) if x > 0)
     at = (by_angle + 1j * crossing * by_rate) / (K - J * crossing**2 + 1j * crossing * C)
-    assert told["phase_margin"] == pytest.approx(np.degrees(np.angle(-at)), rel=1e-7)
+    assert told["phase_margin"] == pytest.approx(np.degrees(np.angle(-at)) % 360, rel=1e-7)
     text, law, _ = chain(3)
     law = {"argument": "a", "kp": 0.02, "ki": 0.005, "kd": 0.01, "filter": 0.02, "delay": 0.05}
 

@@ -232,3 +232,18 @@ def test_reactions_of_a_loaded_link_are_newtons(run_deck, ends):
     x, force = h["x.x.re"] + 1j * h["x.x.im"], h["r.fx.re"] + 1j * h["r.fx.im"]
     on_bob = force if ends.startswith("body_a='bob'") else -force
     np.testing.assert_allclose(1 + on_bob, -2.0 * (2 * np.pi * h.time) ** 2 * x, rtol=1e-9)
+
+
+def test_an_input_of_the_transient_alone_is_no_constant_load(run_deck):
+    """A free body answers a force off its centre by its masses; a constant force would turn it. One that acts is told."""
+    deck = """&body name='b' mass=2 inertia=.1 /
+&sensor name='p' quantity='position' body='b' point=0.3,0.4 /
+&force name='in' type='force' body='b' point=0.3,0.4 fx=30{} /
+&frequency_response from=0.1 to=10 points=3 input='in' /
+"""
+    run = run_deck(deck.format(" stage='transient'"))
+    h = read(run.folder, "frequency_response")
+    exact = -30 * (1 / 2 + 0.4**2 / 0.1) / (2 * np.pi * h.time) ** 2
+    np.testing.assert_allclose(h["p.x.re"], exact, rtol=1e-12)
+    assert not run.stderr
+    assert "is no equilibrium" in run_deck(deck.format(""), name="acts").stderr

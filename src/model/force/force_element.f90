@@ -14,6 +14,7 @@ module force_element
   public :: by_position, most_roots, root_rounding, watched_roots
 
   integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
+  integer, parameter, public :: stage_linear = 3   !! about a state that no static analysis has found: loads of all stages alone
   integer, parameter, public :: idle = 0   !! discrete state in which an element does nothing: a stop that is open
   integer, parameter, public :: bilateral = huge(1)   !! state in which it is linearised as though it acted both ways
 
@@ -21,7 +22,7 @@ module force_element
   type, public :: conditions
     real(wp) :: t = 0.0_wp                !! time [s]
     logical :: left_limit = .false.       !! a jump of a history at t does not act yet
-    integer :: stage = stage_transient    !! the analysis: stage_static or stage_transient
+    integer :: stage = stage_transient    !! the analysis: stage_static, stage_transient or stage_linear
     real(wp) :: load_factor = 1.0_wp      !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp        !! fraction of the springs' prestress that acts [-]
     real(wp) :: signal = 1.0_wp           !! output of the controller that it obeys [-]

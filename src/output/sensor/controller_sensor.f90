@@ -1,6 +1,7 @@
 !> Output and error of a controller, and whether its output is at a limit.
 module controller_sensor
   use kinds, only: wp
+  use controller, only: free
   use sensor, only: observation, sensor_model, harmonic_motion, marker_moves
   implicit none (type, external)
   private
@@ -25,7 +26,7 @@ contains
     end associate
   end subroutine read_controller
 
-  !> By its transfer function.
+  !> By its transfer function without limits.
   subroutine respond(self, at, motion, x)
     class(controller_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
@@ -39,7 +40,7 @@ contains
       call marker_moves(at, motion, at%m%s%markers(q%ia), at%ev%p, q%ia, place(1:3), rate(1:3))
       call marker_moves(at, motion, at%m%s%markers(q%ib), at%ev%p, q%ib, place(4:6), rate(4:6))
       sensed = sum(by_place*place) + sum(by_rate*rate)
-      x(1) = c%response(at%ev%control(self%controller)%limited, motion%s)*sensed
+      x(1) = c%response(free, motion%s)*sensed
       x(2) = -c%delayed(motion%s)*sensed
       x(3) = 0.0_wp
     end associate
