@@ -2,6 +2,7 @@
 #
 # Options (make TARGET NAME=value):
 #   FC=gfortran       Fortran compiler (gfortran 12 or newer)
+#   CC=$(FC)          C compiler of the system calls: gfortran is one, too
 #   FFLAGS=-O3        optimisation of what a step runs; floating-point arithmetic stays strict (never -ffast-math)
 #   ONCE=-O1          optimisation of what runs once a deck, where -O3 only takes longer to compile; empty: FFLAGS
 #   OUTER=-O0         optimisation of what reads decks and chooses analyses: mostly words and copies of large types; empty: ONCE
@@ -18,6 +19,7 @@
 #   -j N              processes that build; all cores where it is left out
 
 FC      = gfortran
+CC      = $(FC)
 FFLAGS  = -O3
 ONCE    = -O1
 OUTER   = -O0
@@ -56,12 +58,13 @@ NOT_OUTER   = $(addprefix analysis/transient/,mechanism_ step_monitor energy_bal
 OUTER_PARTS = deck/ build/ analysis/
 
 SOURCES  := $(sort $(shell find src -name '*.f90'))
+SYSTEM   := $(patsubst src/%.c,$(B)/%.o,$(shell find src -name '*.c'))
 # modules of which there are two from one text: what is real(number) in it is complex in its twin, complex_...
 TWINS    := $(foreach name,small_matrices banded band_lu elastic_block border_rows condensed_system elastic_columns \
               newton_condensation newton_correction,$(filter %/$(name).f90,$(SOURCES)))
 COMPLEX  := $(patsubst %,$(B)/twin/complex_%,$(notdir $(TWINS)))
 MAIN     := $(B)/main.o
-OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o)) $(COMPLEX:.f90=.o)
+OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o)) $(COMPLEX:.f90=.o) $(SYSTEM)
 PICKED    = $(filter-out $(2:%=$(B)/%%),$(filter $(1:%=$(B)/%%),$(MAIN) $(OBJECTS)))
 ONCE_OBJECTS  := $(call PICKED,$(ONCE_PARTS),$(NOT_ONCE))
 OUTER_OBJECTS := $(call PICKED,$(OUTER_PARTS),$(NOT_OUTER))
@@ -132,7 +135,7 @@ faults: tests/faults/faults.py $(BIELA) $(VENV)   ## failing system calls, limit
 rounding: tests/rounding/rounding.py $(BIELA) $(VENV)   ## digits that rounding modes, fused operations and FLANG=flang-new leave
 	@$(MAKE) B=build/off SUFFIX=-off FFLAGS='-O3 -ffp-contract=off' all
 	@$(MAKE) B=build/fused SUFFIX=-fused FFLAGS='-O3 -ffp-contract=fast -march=native' all
-	@! command -v $(FLANG) >/dev/null || $(MAKE) B=build/flang SUFFIX=-flang FC=$(FLANG) STANDARD= FFLAGS=-O2 LDLIBS='$(LDLIBS) -lgfortran' all
+	@! command -v $(FLANG) >/dev/null || $(MAKE) B=build/flang SUFFIX=-flang FC=$(FLANG) CC=cc STANDARD= FFLAGS=-O2 LDLIBS='$(LDLIBS) -lgfortran' all
 	@$(RUN) $< $(BIELA) bin/biela-off bin/biela-fused bin/biela-flang
 # `end module` stands for copies of types that the compiler makes, the first line of a long allocate for its failure alone; of
 # billions gcovr would think that they are a fault of gcov
@@ -193,6 +196,9 @@ $(B)/%.o: src/%.f90 $(B)/flags | $(TOOLS)
 $(B)/twin/%.o: $(B)/twin/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(B)/mod
 	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@.new && mv $@.new $@
+$(B)/%.o: src/%.c $(B)/flags | $(TOOLS)
+	@mkdir -p $(@D)
+	$(CC) -std=c11 -Wall -Wextra $(WERROR) $(or $(filter -O% -g -fsanitize%,$(FLAGS_$(BUILD))),-O2) -c $< -o $@.new && mv $@.new $@
 $(LIBRARY): $(OBJECTS) $(B)/sources
 	@rm -f $@ $@.new; ar rcs $@.new $(OBJECTS) && mv $@.new $@
 

@@ -4,7 +4,7 @@ program biela
   use command_line, only: parse_arguments, print_ending, command
   use errors, only: status_ok, status_signal
   use lapack, only: use_one_blas_thread
-  use process, only: begin_process, caught_signal, end_process
+  use posix, only: begin_process, caught_signal, end_process
   use run_deck, only: run_one_deck
   use side_by_side, only: run_side_by_side
   implicit none (type, external)
@@ -19,7 +19,7 @@ program biela
       ended = run_one_deck(trim(asked%decks(k)), asked%options)
       if (size(asked%decks) > 1 .and. .not. asked%options%quiet) call print_ending(trim(asked%decks(k)), ended, '')
       status = max(status, ended)
-      if (k < size(asked%decks) .and. caught_signal() > 0) status = status_signal + caught_signal()
+      if (caught_signal() > 0 .and. k < size(asked%decks)) status = status_signal + caught_signal()
       if (status > status_signal) exit
     end do
   end if

@@ -2,7 +2,7 @@
 module block_lanczos
   use kinds, only: wp
   use lapack, only: dsyev
-  use process, only: caught_signal
+  use posix, only: caught_signal
   implicit none (type, external)
   private
   public :: krylov_modes, iterate_subspace, inverse_iteration, orthonormalise

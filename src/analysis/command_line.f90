@@ -3,8 +3,7 @@
 module command_line
   use deck_paths, only: deck_name
   use errors, only: status_ok, status_failed, status_bad_input, status_no_output
-  use posix, only: write_bytes, standard_output, tell
-  use process, only: most_children
+  use posix, only: most_children, write_bytes, standard_output, tell
   use readable_text, only: one_line
   use run_deck, only: print_words, run_options
   use summary, only: version

@@ -10,7 +10,7 @@ module model_choice
   use errors, only: failure, fault_list, status_bad_input, status_failed, status_signal
   use modal_basis, only: modal_model
   use model_pilot, only: pilot_result, pilot_series
-  use process, only: caught_signal, hold_signals
+  use posix, only: caught_signal, hold_signals
   use scene_model, only: scene
   use scene_run, only: run_state, prepare_run
   use sorting, only: ascending
@@ -81,7 +81,7 @@ contains
     reduced = any(run%d%bodies%auto_modes)
     run%model_found = meshed .or. reduced .or. run%d%transient%check_reduction .or. run%d%transient%check_mesh
     if (.not. run%model_found) return
-    call hold_signals(.true.)
+    call hold_signals(1)
     if (run%restart) then
       call run%exchange_model(run%saved)
     else
@@ -107,7 +107,7 @@ contains
     end if
     if (caught_signal() > 0) call fail%raise(status_signal + caught_signal(), 'stopped by signal '//to_text(caught_signal())// &
       ' in a pilot, before the run: no file was written or changed; run the deck again')
-    call hold_signals(.false.)
+    call hold_signals(0)
     if ((meshed .or. reduced) .and. .not. fail%happened()) call prepare_run(run, faults, fail)
   end subroutine choose_model
 

@@ -8,8 +8,7 @@ module run_deck
   use loop_analysis, only: warn_of_loops
   use modal_analysis, only: run_modal
   use model_choice, only: begin_model, choose_model
-  use posix, only: make_folder, lock_file, close_lock, write_bytes, standard_error, standard_output, tell
-  use process, only: hold_signals
+  use posix, only: make_folder, lock_file, close_lock, hold_signals, write_bytes, standard_error, standard_output, tell
   use response_analysis, only: run_response
   use rigid_mobility, only: mobility_lines
   use scene_figures, only: add_scene
@@ -225,12 +224,12 @@ contains
     integer(ip) :: t0, t1, rate
     real(wp) :: p0, p1                        !! time of the processor [s]
     status = status_no_output
-    call hold_signals(.true.)
+    call hold_signals(1)
     call make_folder(run%folder)
     lock = lock_file(run%folder//'/.lock')
     if (lock < 0) call tell(run%d%path//': results cannot be written into "'//run%folder//'"')
     if (lock == 0) call tell(run%d%path//': another run is writing into "'//run%folder//'"')
-    if (lock <= 0) call hold_signals(.false.)
+    if (lock <= 0) call hold_signals(0)
     if (lock <= 0) return
     call system_clock(t0, rate)
     call cpu_time(p0)
@@ -264,7 +263,7 @@ contains
     if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
     if (march%search%over) call remove_results(run%folder, unfinished)
     call close_lock(lock)
-    call hold_signals(.false.)
+    call hold_signals(0)
     status = fail%status
     if (.not. ok .and. status == status_ok) then
       status = status_no_output

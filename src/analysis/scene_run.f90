@@ -12,7 +12,7 @@ module scene_run
   use assembly_reports, only: assembly_report
   use controls, only: rest_controls
   use mechanism_ode, only: mechanism_system
-  use process, only: caught_signal
+  use posix, only: caught_signal
   use scene_model, only: scene
   use sensors, only: sensor_list, set_up_sensors
   use step_monitor, only: stability_monitor

@@ -4,8 +4,8 @@ module side_by_side
   use kinds, only: wp, ip
   use command_line, only: print_ending
   use errors, only: status_failed, status_signal
-  use posix, only: nameless_file, read_back, standard_error, tell, write_bytes
-  use process, only: c_exit, caught_signal, hold_signals, start_child, wait_for_child
+  use posix, only: caught_signal, exit_at_once, hold_signals, nameless_file, read_back, standard_error, start_child, tell, &
+    wait_for_child, write_bytes
   use run_deck, only: run_one_deck, run_options
   use text, only: fixed_text, to_text
   implicit none (type, external)
@@ -31,7 +31,7 @@ contains
     integer, intent(inout) :: status          !! exit status
     type(job) :: running(jobs)
     integer :: next, k, child, ended
-    call hold_signals(.true.)
+    call hold_signals(1)
     next = 1
     do
       do k = 1, jobs
@@ -43,11 +43,11 @@ contains
       end do
       if (all(running%deck == 0) .and. (next > size(decks) .or. caught_signal() > 0)) exit
       if (all(running%deck == 0)) cycle
-      call wait_for_child(child, ended)
+      child = wait_for_child(ended)
       k = findloc(running%child, child, 1)
       if (k > 0) call finish(ended, running(k))
     end do
-    call hold_signals(.false.)
+    call hold_signals(0)
     if (caught_signal() > 0) status = max(status, status_signal + caught_signal())
   contains
     !> Shows what a deck said and how it ended.
@@ -84,7 +84,7 @@ contains
     if (one%child /= 0) return
     silent = options
     silent%quiet = .true.
-    call c_exit(run_one_deck(deck, silent))
+    call exit_at_once(run_one_deck(deck, silent))
   end subroutine begin
 
   !> How many warnings there are among lines, in words.

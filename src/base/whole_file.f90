@@ -32,7 +32,7 @@ contains
     stream = .false.
     if (present(handed)) stream = handed .and. (path == from_input .or. path == '/dev/stdin' .or. index(path, '/dev/fd/') == 1)
     handle = standard_input
-    if (path /= from_input .or. .not. stream) handle = open_to_read(path, wait=stream)
+    if (path /= from_input .or. .not. stream) handle = open_to_read(path, wait=merge(1, 0, stream))
     if (handle < 0) then
       problem = reason()
       return

@@ -10,7 +10,7 @@ module complex_modes
   use natural_modes, only: lowest_natural_modes, rounding_level
   use pole_check, only: check_undamped, check_whole, describe_searched
   use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, pole_change
-  use process, only: caught_signal
+  use posix, only: caught_signal
   use reduced_system, only: reduced_model, reduced_poles, usual_unknowns
   implicit none (type, external)
   private

@@ -6,7 +6,7 @@ module natural_modes
   use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace, inverse_iteration
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeqp3, dorgqr, dsygvd
-  use process, only: caught_signal
+  use posix, only: caught_signal
   implicit none (type, external)
   private
   public :: lowest_natural_modes, rounding_level, without_rounding, stiffness_scales, highest_ratio

@@ -17,7 +17,7 @@ module equilibrium
   use linear_matrices, only: linear_mechanism
   use marker, only: turn
   use prescribed_motion, only: prescribe, motion_units
-  use process, only: caught_signal
+  use posix, only: caught_signal
   use scene_run, only: run_state, relax
   use singular, only: at_rest
   implicit none (type, external)

@@ -17,7 +17,7 @@ module transient
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use process, only: caught_signal
+  use posix, only: caught_signal
   use progress, only: progress_line
   use results, only: pass_suffix, result_set
   use run_summary, only: announce
