@@ -26,7 +26,7 @@ contains
     class(ode), intent(inout) :: system
     associate (r => march%roots, n => system%roots)
       allocate (r%now%g(n), r%now%rate(n), r%end%g(n), r%end%rate(n), r%zero(n), source=0.0_wp)
-      allocate (r%fallen(n), source=.false.)
+      allocate (r%fallen(n), r%rounding(n), source=.false.)
       if (n > 0) call system%find_roots(march%t, march%y, .false., r%now%g, r%now%rate, r%zero)
     end associate
   end subroutine begin_roots
@@ -71,6 +71,7 @@ contains
       r%now%g = r%end%g
       r%now%rate = r%end%rate
       r%pending = found
+      if (h > 0.0_wp) r%rounding = .false.
     end associate
   end subroutine keep_roots
 
@@ -157,7 +158,7 @@ contains
     integer, intent(in) :: k
     real(wp), intent(in) :: full_step             !! length of the step within which they fall [s]
     associate (r => march%roots)
-      r%fallen = at%rate < 0.0_wp .and. at%g <= max(r%zero, -same_event*full_step*at%rate)
+      r%fallen = at%rate < 0.0_wp .and. at%g <= max(r%zero, -same_event*full_step*at%rate) .and. .not. r%rounding
       r%fallen(k) = .true.
       r%end = at
     end associate
@@ -172,7 +173,10 @@ contains
     at%h = h
     if (.not. allocated(at%g)) allocate (at%g(system%roots), at%rate(system%roots))
     call march%pack_trial()
-    call system%find_roots(march%tried, march%trial, .true., at%g, at%rate, march%roots%zero)
+    associate (r => march%roots)
+      call system%find_roots(march%tried, march%trial, .true., at%g, at%rate, r%zero)
+      where (r%rounding) r%zero = huge(1.0_wp)
+    end associate
     at%raw = at%rate
   end subroutine roots_at_trial
 
@@ -343,8 +347,8 @@ contains
     if (.not. s > same_event*h) s = huge(1.0_wp)
   end function next_fall
 
-  !> Lets the system resolve the event at the present state; the march starts anew. The solution is lost where events follow one
-  !> another without end.
+  !> Lets the system resolve the event at the present state; the march starts anew. Where nothing changes, the fall was rounding:
+  !> very short steps know rates badly. The solution is lost where events follow one another without end.
   subroutine pass_event(march, system)
     class(stepper), intent(inout) :: march
     class(ode), intent(inout) :: system
@@ -357,6 +361,7 @@ contains
       end if
       r%recent = r%recent + 1
       call march%restart(system, ok)
+      r%rounding = system%unchanged .and. (r%rounding .or. r%fallen)
       if (.not. ok .or. r%recent > most_recent) march%trouble = trouble_events
       call system%find_roots(march%t, march%y, .false., r%now%g, r%now%rate, r%zero)
     end associate

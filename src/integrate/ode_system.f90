@@ -16,6 +16,7 @@ module ode_system
     real(wp) :: resting_step = huge(1.0_wp)   !! longest step of adaptive methods while nothing moves: errors do not limit it [s]
     logical :: fault = .false.                !! the system itself has no solution from here
     logical :: events_may_follow = .false.    !! at the state of the last `find_roots`, without the fall of a root
+    logical :: unchanged = .false.            !! the last `resolve_events` has found nothing to change
   contains
     procedure(right_hand_side), deferred :: derivative
     procedure(onto_manifold), deferred :: project

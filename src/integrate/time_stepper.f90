@@ -53,6 +53,7 @@ module time_stepper
     real(wp), allocatable :: zero(:)          !! (roots) values so small are zero [any]
     logical, allocatable :: fallen(:)         !! (roots) those that have fallen to zero at t
     logical :: pending = .false.              !! some have, and the system has not resolved that event yet
+    logical, allocatable :: rounding(:)       !! (roots) those whose fall has changed nothing: not watched until a step is taken
     logical :: locating = .false.             !! lengths are tried: each is taken to the last digit
     integer :: recent = 0                     !! events since the time `since`
     real(wp) :: since = 0.0_wp                !! [s]
@@ -210,6 +211,7 @@ contains
       call a%exchange(r%now%g, r%now%rate)
       do k = 1, size(r%fallen)
         call a%exchange(r%fallen(k))
+        call a%exchange(r%rounding(k))
       end do
       call a%exchange(r%pending)
       call a%exchange(r%recent)

@@ -351,6 +351,22 @@ def test_a_jump_at_the_end_of_a_step_is_felt_from_there_on(run_deck):
     assert np.log2(errors[0] / errors[1]) > 1.8
 
 
+def test_a_short_piece_of_a_step_shakes_nothing(run_deck):
+    """A jump 3e-9 s before the end of a step makes the motion of one at its end, though positions say little of a short piece."""
+    deck = """&scene gravity=0.0,-9.81 /
+&body name='a' mass=1.0 inertia=0.02 com=0.2,0.0 /
+&body name='b' mass=0.5 inertia=0.01 com=0.15,0.0 position=0.4,0.0 angle=0.5 /
+&joint name='o' type='revolute' body_a='a' /
+&joint name='p' type='revolute' body_a='b' body_b='a' point_b=0.4,0.0 /
+&history name='h' kind='pulse' value=0.5 start=0.5 finish=2.0 /
+&force name='m' type='torque' body='a' moment=1.0 history='h' /
+&sensor name='b' quantity='angle' body='b' /
+"""
+    runs = {name: run_deck(text + march("t_end=0.6 step=1e-3 output_step=0.1"), name=name).history["b"]
+            for name, text in (("at", deck), ("before", deck.replace("start=0.5", f"start={0.5 - 3e-9}")))}
+    assert runs["before"] == pytest.approx(runs["at"], abs=3e-9)
+
+
 @pytest.mark.parametrize(("joint", "radius", "step"), [("slider", 0.9, 0.2), ("prismatic", 0.99, 0.05), ("slider", 0.99, 0.01)])
 def test_a_guide_that_turns_steadily(joint, radius, step, run_deck):
     """A mass on a turning guide, held by a spring, keeps the elongation of the steady turn, but for errors of order step**2."""

@@ -207,9 +207,12 @@ contains
     logical, intent(in) :: fallen(:)        !! (roots)
     logical, intent(out) :: ok
     integer :: n, before(self%m%s%elements)
+    real(wp) :: memory(self%m%s%elements)   ! before [any]
     ok = .true.
     call self%forget()
+    self%unchanged = .false.
     before = self%ev%switches%state
+    memory = self%ev%switches%memory
     n = self%roots - 2*size(self%m%s%controllers)
     associate (nq => self%m%s%nq, nz => self%m%s%nz)
       call pass_control_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), fallen(n + 1:))
@@ -226,6 +229,9 @@ contains
                         self%events%items(n + 1:self%events%count)%from == 0)
     if (ok .and. size(self%m%s%friction) > 0) call resolve_friction(self, t, y, fallen, before, ok)
     call limit_steps_at_rest(self)
+    self%unchanged = self%events%count == n .and. all(self%ev%switches%state == before) .and. &
+                     .not. any(abs(self%ev%switches%memory - memory) > 0.0_wp) .and. &
+                     .not. any(fallen(most_roots*self%m%s%elements + 1:))
   end subroutine resolve_events
 
   !> Counts the events of force elements since one of the list.

@@ -8,7 +8,9 @@ module alpha_state
   use second_order_system, only: second_order_ode
   implicit none (type, external)
   private
-  public :: set_up_alpha, same_step, pack, exchange_alpha
+  public :: set_up_alpha, pack, exchange_alpha
+
+  real(wp), parameter, public :: same_length = 1.0e-9_wp   !! lengths of steps that differ by less are the same [-]
 
   !> Newton's method in the last steps, and its counts.
   type, public :: newton_memory
@@ -78,13 +80,6 @@ contains
     allocate (self%newton%change(self%nq), source=0.0_wp)
     self%measure = system%measure
   end subroutine set_up_alpha
-
-  !> Whether a step is the present one, but for the rounding of times.
-  pure logical function same_step(self, h)
-    type(alpha_solver), intent(in) :: self
-    real(wp), intent(in) :: h                !! [s]
-    same_step = abs(h - self%now%h) <= 1.0e-9_wp*h
-  end function same_step
 
   !> Positions and rates, or rates and accelerations, with quadratures or their rates, in the system's layout.
   pure subroutine pack(self, x, v, sums, y)

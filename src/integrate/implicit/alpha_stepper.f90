@@ -4,9 +4,9 @@ module alpha_stepper
   use archive, only: value_archive
   use alpha_newton, only: near_length, solve_trial, take_trial
   use alpha_start, only: start_method, change_step
-  use alpha_state, only: alpha_solver, set_up_alpha, same_step, pack, exchange_alpha
+  use alpha_state, only: alpha_solver, set_up_alpha, same_length, pack, exchange_alpha
   use generalized_alpha, only: chung_hulbert
-  use implicit_march, only: implicit_stepper, exchange_march
+  use implicit_march, only: implicit_stepper, exchange_march, start_again
   use second_order_system, only: second_order_ode
   use summary_text, only: summary_record
   implicit none (type, external)
@@ -17,7 +17,6 @@ module alpha_stepper
   type, extends(implicit_stepper), public :: alpha_march
     real(wp) :: spectral_radius = 0.9_wp      !! [-]
     type(alpha_solver) :: solver
-    logical :: just_started = .false.                !! the method's variables started here, no step has been accepted since
   contains
     procedure :: set_up
     procedure :: solve_step
@@ -38,22 +37,27 @@ contains
     call set_up_alpha(self%solver, system, chung_hulbert(self%spectral_radius))
   end subroutine set_up
 
-  !> Tries a step; where its size is new the method's variables change first.
+  !> Tries a step. After a shorter one the method starts anew: a step knows its accelerations to the rounding of positions over h2,
+  !> so that those of a short piece would shake a longer one. A shorter one changes the method's variables.
   subroutine solve_step(self, system, h, ok)
     class(alpha_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     logical, intent(out) :: ok
     logical :: same
-    same = same_step(self%solver, h)
-    if (self%roots%locating) same = abs(h - self%solver%now%h) <= 0.0_wp
-    if (.not. self%started .or. (self%just_started .and. .not. same)) then
-      call start_method(self%solver, system, self%t, h, self%y)
-      self%started = .true.
-      self%just_started = .true.
-    else if (.not. same) then
-      call change_step(self%solver, system, h, merge(near_length, 0.0_wp, self%roots%locating))
-    end if
+    associate (s => self%solver, last => self%solver%newton%h)   ! last: 0 where no step has been taken since a start
+      if (self%started .and. last > 0.0_wp .and. .not. self%roots%locating .and. h - last > same_length*h) then
+        call start_again(self, system, ok)
+        if (.not. ok) return
+      end if
+      same = abs(h - s%now%h) <= merge(0.0_wp, same_length*h, self%roots%locating)
+      if (.not. self%started .or. (.not. last > 0.0_wp .and. .not. same)) then
+        call start_method(s, system, self%t, h, self%y)
+        self%started = .true.
+      else if (.not. same) then
+        call change_step(s, system, h, merge(near_length, 0.0_wp, self%roots%locating))
+      end if
+    end associate
     call solve_trial(self%solver, system, self%tried, self%roots%locating, ok)
     self%solver%needs_factors = self%roots%locating   ! another step of this length has its own factors
   end subroutine solve_step
@@ -65,7 +69,6 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     call take_trial(self%solver, system, self%tried)
     self%removed = self%solver%energy%removed
-    self%just_started = .false.
     call self%end_step(system, h, self%solver%x(1:self%solver%nq))
   end subroutine take_step
 
@@ -103,7 +106,6 @@ contains
     class(alpha_march), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call exchange_march(self, a)
-    call a%exchange(self%just_started)
     call exchange_alpha(self%solver, a)
   end subroutine exchange
 end module alpha_stepper

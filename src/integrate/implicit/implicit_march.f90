@@ -12,7 +12,7 @@ module implicit_march
   use time_stepper, only: stepper, exchange_common, trouble_size, trouble_manifold, trouble_iteration, trouble_shape
   implicit none (type, external)
   private
-  public :: exchange_march, fixed_step, give_up
+  public :: exchange_march, fixed_step, give_up, start_again
 
   integer, parameter :: most_halvings = 30         !! of a fixed step that fails
   integer, parameter :: hopeless_halvings = 16     !! a fixed step divided so often is hopeless: a run of them would never end
