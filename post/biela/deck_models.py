@@ -1,7 +1,7 @@
 """Smaller and larger models of the same scene: what can be taken out of a deck, and how its mesh and model are refined.
 
-Each change is made in the deck's text. Node numbers, element lists and coordinate numbers state_differences in the deck follow the
-new mesh. A sensor that has no counterpart on the new model (a node that is gone, the coordinate of a rigid body) becomes a
+Each change is made in the deck's text. Node numbers, element lists and coordinate numbers everywhere in the deck follow the new
+mesh. A sensor that has no counterpart on the new model (a node that is gone, the coordinate of a rigid body) becomes a
 comment, unless it was asked for: then the change is impossible.
 """
 

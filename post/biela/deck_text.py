@@ -94,6 +94,11 @@ class DeckText:
                 return group
         raise DeckError(f"the deck has no &{kind}{' ' + name if name else ''}")
 
+    def needed_sensors(self, wanted: set[str]) -> set[str]:
+        """Return the names of the sensors that are wanted, and of those that are arguments of forces and controllers."""
+        arguments = {group.word("argument").partition(".")[0] for group in self.groups}
+        return {group.name for group in self.all("sensor") if group.name in wanted | arguments}
+
     def set(self, group: Group, **values: str) -> DeckText:
         """Return the deck with values of a group set, as text; None takes an assignment away."""
         text = self.text

@@ -146,7 +146,7 @@ class Search(threading.Thread):
 
     # --- what the thread does
     def run(self) -> None:
-        """Search until SLSQP ends or the search is stopped; `asked` gets None at the end."""
+        """Search until SLSQP ends or the search is stopped; `requests` gets None at the end."""
         try:
             self.ended = self._slsqp()
         except StoppedError as reason:

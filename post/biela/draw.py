@@ -275,7 +275,18 @@ def draw(figures: dict, title: str | None = None) -> plt.Figure:
     Args:
         figures: what summary.json or --check --json holds
         title: written above; left out: the deck's title and its coordinates
+
+    Raises:
+        HistoryError: they are damaged.
     """
+    try:
+        return _drawn(figures, title)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as fault:
+        raise HistoryError(f"summary.json: has no scene that can be drawn ({fault})") from None
+
+
+def _drawn(figures: dict, title: str | None) -> plt.Figure:
+    """Return the figure; any exception where the figures are damaged."""
     scene, model = figures["scene"], figures["model"]
     if title is None:
         mobility = f", rigid mobility {figures['rigid_mobility']}" if figures.get("rigid_mobility") is not None else ""

@@ -28,10 +28,16 @@ LARGEST_VALUES = {
 LOSSES = {"stops": "stop {}", "friction": "friction of joint {}"}  # lists of the summary, and what their items are called
 
 
-def _peak(time: np.ndarray, size: np.ndarray, unit: str, where: str = "") -> str:
-    """Return the largest value, where it is and its time, '' where nothing is more than zero."""
-    k = int(np.argmax(size))
-    return f"{size[k]:.4g} {pretty_unit(unit)} at {where}t = {time[k]:.4g} s" if size[k] > 0.0 else ""
+def _peak(time: np.ndarray, values: np.ndarray, unit: str, where: str = "") -> str:
+    """Return the value of the largest size with its sign, where it is and its time, '' where all are zero."""
+    k = int(np.argmax(np.abs(values)))
+    return f"{values[k]:.4g} {pretty_unit(unit)} at {where}t = {time[k]:.4g} s" if values[k] else ""
+
+
+def _power(time: np.ndarray, values: np.ndarray) -> str:
+    """Return the largest power that was put into the mechanism, and the largest that was taken from it, which is negative."""
+    ends = [_peak(time, part, "W") for part in (np.maximum(values, 0.0), np.minimum(values, 0.0))]
+    return "; ".join(filter(None, ends)) or "0 W"
 
 
 def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str, str]]:
@@ -55,11 +61,12 @@ def of_history(table: History, deck: deck_text.DeckText, rounding: set[str]) -> 
         words, parts = LARGEST_VALUES.get((group.word("quantity") if group else "", part), ("", ()))
         if not words or all(f"{sensor}.{one}" in rounding for one in parts):
             continue
-        columns = np.abs([table[f"{sensor}.{one}"] for one in parts])
-        size = columns.max(axis=0) if part == "m1" else np.linalg.norm(columns, axis=0)
+        columns = np.array([table[f"{sensor}.{one}"] for one in parts])
+        alone = part == "m1" or len(parts) == 1  # moments at both ends; what has a sign
+        size = columns[np.abs(columns).argmax(axis=0), np.arange(table.time.size)] if alone else np.linalg.norm(columns, axis=0)
         where = f"element {group.word('element')}, " if group.word("element") else ""
         if group.word("quantity") == "stress":
-            where = f"node {table[f'{sensor}.node'][int(np.argmax(size))]:.0f}, "
+            where = f"node {table[f'{sensor}.node'][int(np.argmax(np.abs(size)))]:.0f}, "
         if peak := _peak(table.time, size, table.units[name], where):
             yield words.format(sensor), peak
 
@@ -87,7 +94,7 @@ def of_drives(
             continue
         kind = next(one for one in ("drive", "force", "spring", "joint") if group.word(one))
         stated.add((quantity, kind, group.word(kind)))
-        size = f"{table[column][-1]:.4g} J" if quantity == "work" else _peak(table.time, np.abs(table[column]), "W") or "0 W"
+        size = f"{table[column][-1]:.4g} J" if quantity == "work" else _power(table.time, table[column])
         yield f"{'largest ' * (quantity == 'power')}{quantity} of {kind} {group.word(kind)}", size
     for sensor, drive in drives.items():
         name, column = drive["name"].lower(), names.get(f"{sensor}.m")
@@ -95,7 +102,7 @@ def of_drives(
             continue
         torque = table[column]
         mean = np.trapezoid(torque, table.time) / np.ptp(table.time)
-        yield f"torque of drive {drive['name']}", f"{_peak(table.time, np.abs(torque), 'Nm') or '0 N m'}; mean {mean:.4g} N m"
+        yield f"torque of drive {drive['name']}", f"{_peak(table.time, torque, 'Nm') or '0 N m'}; mean {mean:.4g} N m"
         if motion is None or len(motion.time) < 3:
             continue
         turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
@@ -103,7 +110,7 @@ def of_drives(
         inside = (table.time >= motion.time[0]) & (table.time <= motion.time[-1])
         power = torque[inside] * CubicSpline(motion.time, angle)(table.time[inside], 1)
         if ("power", "drive", name) not in stated:
-            yield f"largest power of drive {drive['name']}", _peak(table.time[inside], np.abs(power), "W") or "0 W"
+            yield f"largest power of drive {drive['name']}", _power(table.time[inside], power)
         if ("work", "drive", name) not in stated:
             yield f"work of drive {drive['name']}", f"{np.trapezoid(power, table.time[inside]):.4g} J"
 

@@ -27,6 +27,7 @@ FREQUENCY_UNITS = {"hz": 1.0, "khz": 1.0e3, "1/s": 1.0, "rad/s": 0.5 / np.pi, "k
 MODULUS_UNITS = {"pa": 1.0, "kpa": 1.0e3, "mpa": 1.0e6, "gpa": 1.0e9, "n/m2": 1.0, "n/mm2": 1.0e6}
 RATIO_UNITS = {"-": 1.0, "1": 1.0, "": 1.0, "%": 0.01}
 TEMPERATURE_UNITS = {"c": 273.15, "°c": 273.15, "degc": 273.15, "celsius": 273.15, "k": 0.0, "kelvin": 0.0}
+LEAST, LARGEST = 1.0e-100, 1.0e100  # of frequencies [Hz], moduli [Pa], loss factors: rates, squares and ratios stay finite
 HEADING = re.compile(r"(?P<name>.*?)\s*_?[\[(](?P<unit>[^\])]*)[\])]\s*")
 
 
@@ -169,8 +170,9 @@ def _measurements(path: Path, rows: list, where: dict, scale: dict, width: int, 
             if not _is_number(words[k]) or not np.isfinite(float(words[k])):
                 raise DataError(f"{path}:{number}: {words[k]!r} is no finite number ({quantity})")
             row[quantity] = float(words[k]) * (1.0 if quantity == "temperature" else scale[quantity])
-            if quantity != "temperature" and not 0.0 < row[quantity] < np.inf:
-                raise DataError(f"{path}:{number}: {quantity} = {words[k]}, a positive value expected")
+            if quantity != "temperature" and not LEAST <= row[quantity] <= LARGEST:
+                ends = f"from {LEAST:g} to {LARGEST:g}"
+                raise DataError(f"{path}:{number}: {quantity} = {words[k]}, a positive value {ends} expected")
         kelvin = row["temperature"] + scale["temperature"] if "temperature" in row else np.nan
         if kelvin <= 0.0:
             raise DataError(f"{path}:{number}: {kelvin:g} K lies below absolute zero: is the unit right?")

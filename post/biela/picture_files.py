@@ -23,7 +23,7 @@ def picture_path(path: Path, part: str = "") -> Path:
 
 
 def lay_out(figure: plt.Figure) -> None:
-    """Marker what a figure holds, once: matplotlib would lay out and draw all of it a second time when it is written.
+    """Place what a figure holds, once: matplotlib would lay out and draw all of it a second time when it is written.
 
     Names of stacked axes are aligned behind that, since each pass compares every axis with all others.
     """

@@ -15,9 +15,11 @@ from .histories import History, read
 from .picture_files import save
 from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
 from .result_files import HistoryError
+from .sweep_scalars import spectral_line
 
 LEAST_ROWS = 16  # rows that a spectrum needs
 LEAST_PERIODS = 2  # periods in the run that a peak needs: below, within the window's main lobe, stands what drifts
+RESOLVED = 1.0 - 0.5**0.5  # share of its height by which a peak rises above the valley to a higher one: 3 dB; else a shoulder
 VISIBLE = 1.0e-3  # share of the largest amplitude below which a frequency does not extend the axis
 SMALL = 0.05  # share of the largest peak below which amplitudes are drawn logarithmically
 EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
@@ -49,9 +51,10 @@ def density(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def peaks(size: np.ndarray, most: int) -> list[int]:
-    """Return the indices of the largest peaks; left out are those of drifts and those below a hundredth of the largest."""
-    found, _ = signal.find_peaks(size, height=0.01 * size[1:].max() if size.size > 1 else 0.0)
-    return sorted(sorted(found[found >= LEAST_PERIODS], key=lambda k: -size[k])[:most])
+    """Return the indices of the largest peaks; left out are drifts, shoulders, and peaks below a hundredth of the largest."""
+    found, of = signal.find_peaks(size, height=0.01 * size[1:].max() if size.size > 1 else 0.0, prominence=0.0)
+    found = found[(found >= LEAST_PERIODS) & (of["prominences"] >= RESOLVED * size[found])]
+    return sorted(sorted(found, key=lambda k: -size[k])[:most])
 
 
 def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -119,8 +122,10 @@ def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, absci
                 line[0].set_yscale("log")
                 line[0].set_ylim(0.2 * size[found].min(), 3.0 * size[found].max())
             for k in found:
-                line[0].plot(frequency[k], size[k], "o", color=COLOURS[1], markersize=3)
-                print(f"{name}: {frequency[k]:.5g} {unit}, amplitude {size[k]:.4g} {pretty_unit(of)}")
+                at, error, top = spectral_line(size, k)
+                line[0].plot(at * frequency[1], top, "o", color=COLOURS[1], markersize=3)
+                words = f"{at * frequency[1]:.5g} ± {error * frequency[1]:.2g} {unit}"
+                print(f"{name}: {words}, amplitude {top:.4g} {pretty_unit(of)}")
             line[0].set_ylabel(axis_label(name, of))
             line[0].set_title("amplitude", fontsize=9)
             line[0].set_xlim(0.0, frequency[last_visible(size)])
@@ -198,8 +203,7 @@ def draw_decay(run: History, names: list[str]) -> plt.Figure:
 def spectrum(args: argparse.Namespace) -> int:
     """Draw what the command line asks for; raises HistoryError."""
     run = read(args.run)
-    if np.isfinite(args.start):
-        run = History(run.path, run.names, run.units, run.data[run.time >= args.start])
+    run = History(run.path, run.names, run.units, run.data[(run.time >= args.start) & (run.time <= args.end)])
     names = run.match(args.columns)
     if args.peaks < 0:
         raise HistoryError(f"--peaks {args.peaks}: 0 or more expected")

@@ -87,13 +87,13 @@ def assign(deck: DeckText, target: Target, value: str) -> DeckText:
 
 
 def without_unused_sensors(deck: DeckText, scalars: tuple[Scalar, ...]) -> DeckText:
-    """Return the deck without sensors and motion files that no scalar uses."""
+    """Return the deck without motion files, and without sensors that neither a scalar nor the deck itself uses."""
     if any(scalar.file not in ("history", "energy") for scalar in scalars):
         return deck
     used = {scalar.column.partition(".")[0].lower() for scalar in scalars if scalar.file == "history"}
-    text = deck.text
+    text, needed = deck.text, deck.needed_sensors(used)
     for group in reversed(deck.all("sensor")):
-        if used and group.name not in used:
+        if used and group.name not in needed:
             text = text[: group.start] + text[group.end :]
     only_used = parse(text)
     for group in only_used.all("transient"):

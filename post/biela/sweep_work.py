@@ -75,8 +75,9 @@ def _entry(line: str, results: int) -> dict | None:
 
 
 def keys(study: Study, text: str, biela: Path) -> list[str]:
-    """Return a key for each run: a hash of solver, deck, values and measures. The same key means the same run."""
-    solver = hashlib.sha256(biela.read_bytes()).hexdigest()
+    """Return a key for each run: a hash of solver, deck, values, measures and what measures. The same key means the same run."""
+    programs = biela, *(FOLDER / "biela" / name for name in ("sweep_run.py", "sweep_scalars.py"))
+    solver = hashlib.sha256(b"".join(path.read_bytes() for path in programs)).hexdigest()
     targets = [[one.name, [asdict(target) for target in one.targets], one.catalogue] for one in study.parameters]
     common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets, study.extremes, study.check])
     head = hashlib.sha256(common.encode())

@@ -66,11 +66,17 @@ class Compared:
 
     Attributes:
         sizes: what motions of the scene's size are, by unit
-        columns: names of the columns; none: all
+        columns: names of the columns; none: all of the sensors
+        sensors: names of the sensors in lower case; none: all
     """
 
     sizes: dict[str, float]
     columns: frozenset[str] = frozenset()
+    sensors: frozenset[str] = frozenset()
+
+    def has(self, name: str) -> bool:
+        """Whether a column belongs to one of the sensors."""
+        return not self.sensors or name.partition(".")[0].lower() in self.sensors
 
 
 EVENTS = "events"  # the error of their times stands under this name beside those of the columns
@@ -165,7 +171,8 @@ def is_state(name: str) -> bool:
 def truth_of(outcome: Outcome, compared: Compared, uncertainty: float = 0.0, words: str = "") -> Truth:
     """Return a run as the truth, without the columns that are rounding or states, unless they were asked for."""
     idle = {*rounding_columns(outcome, compared.sizes), *filter(is_state, outcome.names)}
-    wanted = compared.columns or set(outcome.names) - idle or set(outcome.names)
+    own = set(filter(compared.has, outcome.names))
+    wanted = compared.columns or own - idle or own
     keep = [k for k, name in enumerate(outcome.names) if name in wanted]
     scale = scale_of(outcome, compared.sizes)[keep]
     names = tuple(outcome.names[k] for k in keep)

@@ -60,7 +60,7 @@ class Result:
 
 def asked_for(study: Study) -> list[str]:
     """Return what must be right: columns where some were named, else sensors."""
-    return sorted(study.compared.columns or study.asked)
+    return sorted(study.compared.columns or study.compared.sensors)
 
 
 def pareto(points: list[Point]) -> set[int]:
@@ -138,6 +138,8 @@ def verdict(study: Study, result: Result) -> str:
     own = f"The deck as written has an error of {written.error.largest:.1e} and takes {written.cost:.4f} s"
     own = own if written.outcome.ok else f"The deck as written was not measured: {written.outcome.message}"
     chosen = result.chosen
+    if chosen is None and not result.curves and study.reasons:
+        return f"No run of a method came to its end: nothing is recommended. {'; '.join(study.reasons.values())}. {own}."
     if chosen is None and math.isinf(truth.uncertainty):
         return f"No reference converged within --time {study.runner.time:g}: nothing is recommended, errors are rough. {own}."
     if chosen is None:

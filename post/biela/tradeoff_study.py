@@ -60,7 +60,7 @@ class Study:
     Attributes:
         runner: makes the runs
         grid: times of the comparison
-        asked: names of the sensors
+        asked: names of the sensors that stay: those that are compared, and those that the deck itself needs
         tolerance: largest error that is accepted, relative to the range
         families: curves that are tried
         compared: columns, and the sizes by which they are judged

@@ -52,7 +52,7 @@ def _best(study: Study, deck: DeckText, stage: str, previous: Curve | None = Non
 
 
 def _words(study: Study, curve: Curve) -> str:
-    """Return how the finest run of a curve was curve."""
+    """Return how the finest run of a curve was made."""
     return curve.settings[-1].words(study.grid)
 
 

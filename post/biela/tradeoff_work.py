@@ -167,11 +167,12 @@ def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
 
 def study_of(args: argparse.Namespace, deck: DeckText, folder: Path) -> Study:
     """Return an empty study of a deck."""
-    asked = sensors(deck, args.sensor)
+    wanted = sensors(deck, args.sensor)
     families = [name for name, (method, _) in FAMILIES.items() if method in args.methods]
     runner = Runner(args.biela, folder / "kept", args.jobs, args.longest_run, args.quiet, args.time)
     grid = grid_of(deck)
-    return Study(runner, grid, asked, args.tolerance, families, Compared(sizes_of(length_of(deck), grid.interval)))
+    compared = Compared(sizes_of(length_of(deck), grid.interval), sensors=frozenset(wanted))
+    return Study(runner, grid, deck.needed_sensors(wanted), args.tolerance, families, compared)
 
 
 def choose_columns(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) -> None:
@@ -218,7 +219,7 @@ def run(args: argparse.Namespace) -> int:
     result = Result(args.deck.name, args.truth, base.notes, base.curves, own, [], budget=args.budget)
     result.warnings = [f"the solver warns of the deck as written: {words}" for words in written.warnings]
     known = [name for name in base.curves[0].outcomes[-1].names if not study.compared.columns] if base.curves else []
-    result.dropped = [name for name in known if name not in study.truth.names]
+    result.dropped = [name for name in known if name not in study.truth.names and study.compared.has(name)]
     result.methods_left_out = methods_left_out(args, study, base)
     runner.share = SEARCH
     explore(study, base, result)

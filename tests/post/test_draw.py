@@ -56,6 +56,9 @@ def test_a_deck_and_its_results_draw_the_same(biela, run_deck, tmp_path):
     run = run_deck(text)
     checked = draw.figures_of(tmp_path / "scene.nml", biela)
     assert draw.figures_of(run.folder, biela)["scene"] == checked["scene"]
+    checked["scene"]["sensors"][0]["at"]["at"] = [0.1]
+    with pytest.raises(HistoryError, match=r"summary\.json: has no scene that can be drawn \("):
+        draw.draw(checked)
 
 
 def test_a_faulty_deck_is_told_as_the_solver_tells_it(biela, tmp_path):

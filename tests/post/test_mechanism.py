@@ -186,7 +186,7 @@ def test_walls_of_stops_stand_where_they_limit_and_tell_what_touches():
     circle, found = Stop(Marker(None, None, np.array([1.05, 2.0])), base, None, None, 0.1).walls(scene, 0, 0.1)
     np.testing.assert_allclose(np.hypot(*(circle[0] - [1.0, 2.0]).T), 0.1, rtol=1e-12)
     assert not found
-    plate.places = [np.array([0.3, 0.0])]
+    plate.points = [np.array([0.3, 0.0])]
     for upper, touches in ((1.0, True), (QUARTER, True), (QUARTER + 0.1, False)):
         stop = Stop(base, Marker(None, None, np.zeros(2)), None, None, upper, angular=True)
         walls, found = stop.walls(scene, 0, 0.1)

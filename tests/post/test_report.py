@@ -8,7 +8,9 @@ import subprocess
 from html.parser import HTMLParser
 
 import matplotlib.pyplot as plt
+import numpy as np
 import pytest
+from biela import engineering
 from biela import report as report_tool
 from biela.commands import report as report_command
 from biela.histories import HistoryError, read
@@ -108,7 +110,9 @@ def test_what_a_designer_asks_comes_first(run_deck, tmp_path):
     assert re.fullmatch(r"6 W at t = \S+ s", found["largest power of drive a_motor"])
     assert found["work of drive a_motor"] == "6 J"
     assert (found["work of drives and loads"], found["energy lost in spring a_d"]) == ("6 J", "6 J")
-    assert re.fullmatch(r"6 W at t = \S+ s", found["largest power of spring a_d"])
+    assert re.fullmatch(r"-6 W at t = \S+ s", found["largest power of spring a_d"]), "what it puts into the mechanism"
+    both = engineering._power(np.arange(4.0), np.array([0.0, 7505.0, -8772.0, 1.0]))
+    assert both == "7505 W at t = 1 s; -8772 W at t = 2 s", "the motor's, and the brake's"
     assert "largest force, a_p" not in found, "rounding"
     first = report_tool.results([run])
     assert first.parts[-1].pictures[0].caption == "arm: modulus of material a_rubber"

@@ -19,6 +19,7 @@ from biela.commands import sweep as sweep_command
 from biela.histories import read
 from biela.sweep_scalars import Scalar
 from conftest import ROOT, TIMEOUT, wait_for
+from studies import ARGUMENT
 
 DECK = """&include file='steel.nml' /
 &parameter name='height' value={4*mm} /
@@ -200,6 +201,34 @@ def test_measures_against_closed_forms():
         assert Scalar("x", measure, "c", at=0.3).of(coarse, np.sin(9.0 * coarse)) == pytest.approx(value, rel=1.0e-5)
     jump = np.where(time < 2.0, 0.0, 1.0 + 0.1 * time)
     assert 1.4 <= Scalar("x", "peak", "c").of(time, jump) <= 1.4 + 1.0e-12
+
+
+def test_extremes_at_corners_and_jumps_are_those_of_rows():
+    """Whatever runs straight from row to row has no value beyond them; the force of a stop has a corner where it is let go."""
+    time = np.linspace(0.0, 1.0, 101)
+    pushes = np.maximum(0.0, 4000.0 * np.sin(4.0 * np.pi * time + 0.3))
+    assert Scalar("x", "min", "c").of(time, pushes) == 0.0
+    assert Scalar("x", "max", "c").of(time, pushes) == pytest.approx(4000.0, rel=1.0e-9)
+    assert Scalar("x", "value", "c", at=0.235).of(time, pushes) == 0.0
+    chance = np.random.default_rng(12)
+    for _ in range(300):
+        knots = np.cumsum(chance.integers(4, 9, size=9))
+        straight = np.interp(np.arange(70.0), knots, chance.normal(size=9))
+        straight[chance.integers(70) :] += chance.choice([0.0, 1.0])
+        for measure, row in (("max", straight.max()), ("min", straight.min()), ("peak", np.abs(straight).max())):
+            assert Scalar("x", measure, "c").of(np.arange(70.0), straight) == pytest.approx(row, rel=1.0e-13)
+    x = np.arange(-5.0, 6.0)
+    for left, right in ((1.0, 0.1), (1.0, 1.0), (3.0, 0.2)):  # a corner between two arcs, in a row
+        assert Scalar("x", "max", "c").of(x, np.where(x < 0.0, left * x, -right * x) - 0.01 * x * x) == 0.0
+
+
+def test_a_force_keeps_the_sensor_that_it_depends_on(study):
+    """A mass on the force -k x let go at x = 1: its speed is least at a quarter of the period, -sqrt(k)."""
+    Path("arm.nml").write_text(ARGUMENT, encoding="utf-8")
+    text = "deck = 'arm.nml'\n[[parameter]]\nname = 'k'\nvalues = [4.0, 9.0]\n"
+    status, rows = study(text + "[[result]]\nname = 'v'\nmeasure = 'min'\ncolumn = 'v.x'\n", "--no-pictures")
+    assert status == 0
+    np.testing.assert_allclose([float(row["v[m/s]"]) for row in rows], [-2.0, -3.0], rtol=1.0e-9)
 
 
 def test_solvers_end_with_a_sweep_that_is_killed(study, biela, tmp_path):

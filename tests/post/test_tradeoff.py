@@ -23,6 +23,7 @@ from biela.tradeoff_errors import Compared, error_of, truth_of
 from conftest import REFERENCE, ROOT, TIMEOUT
 from oracle import Scene
 from scipy.integrate import solve_ivp
+from studies import ARGUMENT
 from tool_calls import call
 
 TOOL = ROOT / "post" / "tradeoff.py"
@@ -83,6 +84,18 @@ def test_recommended_deck_meets_the_tolerance_against_an_independent_solution(st
     assert 0.0 < float(own[1]) < tolerance
     if tolerance == 1e-2:
         assert counts > 5.0
+
+
+def test_a_force_keeps_the_sensor_that_it_depends_on(study, run_deck, tmp_path):
+    """A mass on the force -9 x let go at x = 1; the sensor of x is there for the force alone, and is not compared."""
+    (tmp_path / "deck.nml").write_text(ARGUMENT)
+    folder, _, _ = study(tmp_path / "deck.nml", "--sensor", "v", "--tolerance", "1e-3", "--methods", "rk4")
+    assert "\nsensors: v; tolerance" in (folder / "tradeoff.txt").read_text()
+    assert "not compared, rounding alone: v.y\n" in (folder / "tradeoff.txt").read_text()
+    done = run_deck(folder / "recommended.nml")
+    off = np.abs(done.history["v.x"] + 3.0 * np.sin(3.0 * done.history.time)).max()
+    assert off / 3.0 < 1e-3
+    assert promised(folder)[0] == pytest.approx(off / 3.0, rel=0.2)
 
 
 @pytest.mark.long

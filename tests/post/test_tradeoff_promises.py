@@ -46,12 +46,12 @@ def test_columns_are_asked_for_by_their_own_names_or_by_their_sensors():
 
 def tables(biela: Path, folder: Path, monkeypatch, runs: int, *options: str) -> tuple[int, str]:
     """Return the status and the table of a study whose time ends after so many runs of the solver."""
-    curve, real = [], Runner._run
+    made, real = [], Runner._run
 
     def counted(self: Runner, place: Path) -> Outcome:
-        if len(curve) >= runs and self.share <= tradeoff_truth.LATE:
+        if len(made) >= runs and self.share <= tradeoff_truth.LATE:
             raise OutOfTimeError
-        curve.append(place)
+        made.append(place)
         return real(self, place)
 
     monkeypatch.setattr(Runner, "_run", counted)

@@ -281,16 +281,16 @@ def test_what_the_solver_warns_of_and_what_is_absent_are_told(tmp_path):
         "radau: radau step 0.1 s: the step is too large",
         "radau adaptive: there was no time for it",
     ]
-    uncertainty_of = "the solver warns of the deck as written: body bends too far"
-    told = dict(warnings=[uncertainty_of], dropped=["a.y", "pad.state"], methods_left_out=["dopri5: not in --methods"])
+    warning = "the solver warns of the deck as written: body bends too far"
+    told = dict(warnings=[warning], dropped=["a.y", "pad.state"], methods_left_out=["dopri5: not in --methods"])
     result = Result("a.nml", "deck", [], [], study.points[0], [], **told)
     lines = table(study, result).splitlines()
-    assert lines[2] == f"- {uncertainty_of}"
+    assert lines[2] == f"- {warning}"
     assert "not compared, rounding alone: a.y" in lines
     assert "not compared, states, whose events are compared by their times: pad.state" in lines
     assert "left out: dopri5: not in --methods" in lines
     assert "  none was tried: there is no adequate setting, or nothing to remove" in lines, "no empty tables"
-    assert uncertainty_of in head(study, result)
+    assert warning in head(study, result)
 
 
 def test_a_setting_has_one_cost_and_one_error_wherever_it_stands(tmp_path):

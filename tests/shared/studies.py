@@ -16,6 +16,17 @@ CRANK = REFERENCE / "vrl_ghm" / "deck.nml"
 TIMES = np.linspace(0.0, 1.0, 11)
 
 
+ARGUMENT = """&body name='b' mass=1 inertia=1 position=1,0 /
+&joint name='g' type='prismatic' body_a='b' /
+&sensor name='x' quantity='position' body='b' /
+&sensor name='v' quantity='velocity' body='b' /
+&parameter name='k' value=9 /
+&history name='s' kind='polynomial' coefficients=0,{-k} /
+&force name='f' body='b' fx=1 history='s' argument='x.x' /
+&transient t_end=1 method='rk4' step=1e-3 /
+"""  # a force that depends on a sensor
+
+
 def outcome(*values: np.ndarray, seconds: float = 1.0, names: tuple[str, ...] = ("a.x", "b.x")) -> Outcome:
     data = np.column_stack([TIMES, *values])
     counts = {"evaluations": int(1000 * seconds), "coordinates": 5}

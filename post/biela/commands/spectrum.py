@@ -6,7 +6,8 @@
     spectrum.py results/run_up --columns tip.v --orders crank       in orders of the rotation of column crank [rad]
     spectrum.py results/ring_down --columns tip.v --decay           envelope, logarithmic decrement, damping ratio
 
-Rows at uneven times are interpolated to as many even ones. Mean and trend are removed first; peaks are marked.
+Rows at uneven times are interpolated to as many even ones. Mean and trend are removed first. Peaks are marked
+and named, each with how surely it is known; two lines need some 4 periods of their difference in the run to be told apart.
 """
 
 import math
@@ -18,6 +19,7 @@ parser = command.parser("spectrum", __doc__)
 parser.add_argument("run", type=Path, metavar="RUN", help="results folder, results file or .csv")
 parser.add_argument("--columns", nargs="+", required=True, metavar="NAME", help="columns, wildcards allowed")
 parser.add_argument("--start", type=float, default=-math.inf, metavar="S", help="rows before this time do not count")
+parser.add_argument("--end", type=float, default=math.inf, metavar="S", help="rows after this time do not count")
 kind = parser.add_mutually_exclusive_group()
 kind.add_argument("--waterfall", action="store_true", help="amplitudes against time or --speed (one column)")
 kind.add_argument("--orders", metavar="ANGLE", help="column of a drive's angle [rad]: orders of its rotation")
