@@ -74,10 +74,15 @@ def law_of(material: Material) -> str:
 
 
 def errors_by_decade(material: Material, frequency: np.ndarray, modulus: np.ndarray) -> list[str]:
-    """Return 'low to high Hz: error' for each decade of the data."""
-    error = relative_error(material, frequency, modulus)
+    """Return 'low to high Hz: error of the modulus, of the loss factor' for each decade of the data."""
+    error, fitted = relative_error(material, frequency, modulus), material.modulus(frequency)
+    loss = fitted.imag / fitted.real * modulus.real / modulus.imag - 1.0
     decades = np.floor(np.log10(frequency) + 1.0e-9).astype(int)
-    return [f"{10.0**k:g} to {10.0 ** (k + 1):g} Hz {100 * rms(error[decades == k]):.2g} %" for k in np.unique(decades)]
+    return [
+        f"{10.0**k:g} to {10.0 ** (k + 1):g} Hz {100 * rms(error[decades == k]):.2g} %, "
+        f"loss factor {100 * rms(loss[decades == k]):.2g} %"
+        for k in np.unique(decades)
+    ]
 
 
 def falling_storage(material: Material, band: tuple[float, float]) -> list[str]:
@@ -207,8 +212,16 @@ def shifted(args: argparse.Namespace, data: Measurements) -> tuple[MasterCurve |
         "   temperature   rows         a_T  known to  a_T by overlap  misfit, rms",
     ]
     for k, temperature in enumerate(sets):
-        factors = f"{10.0 ** found.shifts[k]:11.4g} {100 * (10.0 ** found.errors[k] - 1):7.2g} % {10.0 ** found.overlaps[k]:15.4g}"
+        error = f"{100 * (10.0 ** found.errors[k] - 1):7.2g} %" if np.isfinite(found.errors[k]) else f"{'open':>9}"
+        overlap = f"{10.0 ** found.overlaps[k]:15.4g}" if np.isfinite(found.overlaps[k]) else f"{'open':>15}"
+        factors = f"{10.0 ** found.shifts[k]:11.4g} {error} {overlap}"
         notes.append(f"  {data.name(temperature):>12} {(data.group == k).sum():6d} {factors} {100 * found.misfits[k]:10.2g} %")
+    source = "its neighbours, by kelvin" if law == "free" else "the law"
+    for k, low, high in found.open:
+        names = " to ".join(data.name(t) for t in sets[k : k + 2])
+        ends = [f"above {low:.2f}"] * int(np.isfinite(low)) + [f"below {high:.2f}"] * int(np.isfinite(high))
+        words = f"warning: the overlap leaves the shift from {names} open: log10 a_T {' and '.join(ends) or 'of any size'}"
+        notes.append(f"{words}; taken from {source}: {found.shifts[k + 1] - found.shifts[k]:.2f}")
     return found, notes
 
 

@@ -2,8 +2,9 @@
 
 At the temperature T a frequency f acts as a_T f at the reference temperature. How far neighbouring sets have to be shifted follows
 from their overlap alone: both together have to be the modulus of one relaxing material, a sum of relaxations with no negative
-weight. Where that is met as well by sets that stand apart, they do not overlap, and are refused. Then all shifts, or the
-constants of a law, are refined together. Each row is shifted by its own temperature.
+weight. Where that is met as well by sets that stand apart, their overlap leaves the shift open, and that of the neighbours, by
+kelvin, takes its place. Then all shifts that are known, or the constants of a law, are refined together. Each row is shifted by
+its own temperature.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from .material_data import DataError, Measurements
 from .material_fit import rms, spectrum_misfit
 
 GAS = 8.314462618  # molar gas constant [J/(mol K)]
+CONSTANTS = {"free": 1, "wlf": 2, "arrhenius": 1}  # shifts that have to be known for each law
 CONFIDENCE = 20.0  # least logarithm of the likelihood ratio, doubled, of an overlap beside none: 4.5 standard deviations
+BEYOND = 0.5  # decades beyond touching at which sets that stand apart are tried
 FLOOR = 2.0e-3  # misfit that the spacing of the spectrum leaves [-]
 
 
@@ -30,8 +33,11 @@ class MasterCurve:
         reference: temperature that is not shifted [K]
         temperatures: of the sets, ascending [K]
         shifts: log10 a_T of each set
-        overlaps: log10 a_T of each set as its overlap with its neighbours alone says
-        errors: standard error of log10 a_T of each set, as the scatter about the curve gives it
+        overlaps: log10 a_T of each set as its overlap with its neighbours alone says, nan where that leaves it open
+        errors: standard error of log10 a_T of each set, as the scatter about the curve gives it; infinite of free factors
+            that an open step parts from the reference
+        open: index of the colder set, least and largest log10 a_T of the warmer one beside it, of each pair whose overlap leaves
+            their shift open
         misfits: root mean square of the relative errors of storage and loss modulus, of each set
         constants: C1 [-] and C2 [K] of WLF, the activation energy of Arrhenius [kJ/mol], else empty
         frequency: of each row at the reference temperature [Hz]
@@ -46,6 +52,7 @@ class MasterCurve:
     misfits: np.ndarray
     constants: np.ndarray
     frequency: np.ndarray
+    open: list[tuple[int, float, float]]
 
     def shift(self, temperature: float) -> float:
         """Return log10 a_T of a temperature between the measured ones [K]."""
@@ -77,28 +84,48 @@ def master_curve(data: Measurements, law: str, reference: float) -> MasterCurve:
         reference: temperature that is not shifted, between the measured ones [K]
 
     Raises:
-        DataError: the sets do not overlap, or the law does not hold for them.
+        DataError: too few of the sets overlap, or the law does not hold for them.
     """
     sets = data.temperatures
     if law == "wlf" and sets.size < 3:
         raise DataError(f"WLF has two constants, which {sets.size} temperatures do not give: --shift free or arrhenius")
-    chain = np.append(0.0, np.cumsum([_step(data, k) for k in range(sets.size - 1)]))
+    steps, least, largest, off = np.array([_step(data, k) for k in range(sets.size - 1)]).T
+    known = np.isfinite(largest - least)
+    if known.sum() < CONSTANTS[law]:
+        k = int(np.argmin(known))
+        names = " and ".join(data.name(t) for t in sets[k : k + 2])
+        raise DataError(f"the curves at {names} do not overlap: apart they are as good a modulus ({off[k]:.2g} %), so that their "
+                        "shift is not known, and those of their neighbours are too few to take it from")  # fmt: skip
+    middle, apart = 0.5 * (sets[1:] + sets[:-1]), np.diff(sets)
+    steps[~known] = np.interp(middle[~known], middle[known], (steps / apart)[known]) * apart[~known]
+    chain = np.append(0.0, np.cumsum(steps))
     base = int(np.argmin(np.abs(sets - reference)))  # the law is fitted about a set, so that WLF's C2 has a bound
-    start, bounds, sizes = _start(law, chain - chain[base], sets, base)
+    start, bounds, sizes = _start(law, steps, known, sets, base)
 
     def spread(x: np.ndarray, temperature: np.ndarray) -> np.ndarray:
         """Return log10 a_T of temperatures [K] for unknowns x."""
-        return _shifts(law, x, sets, np.insert(x, base, 0.0) if law == "free" else x, temperature, sets[base])
+        factors = np.zeros(sets.size)
+        if law == "free":
+            own = steps.copy()
+            own[known] = x
+            factors[1:] = np.cumsum(own)
+        return _shifts(law, x, sets, factors - factors[base], temperature, sets[base])
+
+    part = np.append(0, np.cumsum(~known))[data.group]  # sets that an open step parts do not tell of each other
 
     def misfit(x: np.ndarray) -> np.ndarray:
-        return spectrum_misfit(data.frequency * 10.0 ** spread(x, data.temperature), data.modulus)
+        rows = data.frequency * 10.0 ** spread(x, data.temperature)
+        off = np.empty((2, rows.size))
+        for k in range(part.max() + 1):
+            off[:, part == k] = spectrum_misfit(rows[part == k], data.modulus[part == k]).reshape(2, -1)
+        return off.ravel()
 
     found = least_squares(misfit, start, bounds=bounds, x_scale=sizes, diff_step=1.0e-3, xtol=1.0e-5, ftol=1.0e-6)
     temperatures = np.append(reference, sets)
     own = spread(found.x, temperatures)
     own, zero = own[1:], own[0]
     rows = data.frequency * 10.0 ** (spread(found.x, data.temperature) - zero)
-    _check_overlap(data, law, rows)
+    _check_overlap(data, law, rows, known)
     constants = found.x if law != "free" else np.zeros(0)
     if law == "wlf":
         second = constants[1] + reference - sets[base]
@@ -108,12 +135,18 @@ def master_curve(data: Measurements, law: str, reference: float) -> MasterCurve:
     spare = max(found.fun.size - found.x.size - 2 * sets.size, 1)  # about two numbers of the spectrum for each set
     covariance = np.linalg.pinv(found.jac.T @ found.jac) * (found.fun @ found.fun) / spare
     errors = np.sqrt(np.einsum("ij,jk,ik->i", moves, covariance, moves))
-    overlaps = chain - np.interp(reference, sets, chain)
-    return MasterCurve(law, reference, sets, own - zero, overlaps, errors, misfits, constants, rows)
+    passed = np.append(0, np.cumsum(~known))  # how many open steps lie before each set
+    overlaps = np.where(passed != passed[base], np.nan, chain - np.interp(reference, sets, chain))
+    errors = np.where(passed != passed[base], np.inf, errors) if law == "free" else errors
+    left = [(int(k), float(least[k]), float(largest[k])) for k in np.flatnonzero(~known)]
+    return MasterCurve(law, reference, sets, own - zero, overlaps, errors, misfits, constants, rows, left)
 
 
-def _step(data: Measurements, k: int) -> float:
-    """Return log10 a_T of the set k + 1 beside the set k by their overlap; DataError where there is none."""
+def _step(data: Measurements, k: int) -> tuple[float, float, float, float]:
+    """Return log10 a_T of the set k + 1 beside the set k by their overlap, the ends between which it lies, and its misfit [%].
+
+    An end is infinite where sets that stand apart are as good a modulus as sets that overlap.
+    """
     cold, warm = data.group == k, data.group == k + 1
     low, high = (np.log10(data.frequency[part]) for part in (cold, warm))
     modulus = np.append(data.modulus[cold], data.modulus[warm])
@@ -122,40 +155,41 @@ def _step(data: Measurements, k: int) -> float:
     def misfit(step: float) -> float:
         return rms(spectrum_misfit(10.0 ** np.append(low, high + step), modulus)) + FLOOR
 
-    first = low.min() - high.max()  # the warm set ends where the cold one begins
-    steps = first + total_width * np.linspace(0.0, 1.0, max(5, round(20 * total_width)) + 1)
+    first = low.min() - high.max() - BEYOND  # where the warm set ends the cold one begins, and farther apart
+    steps = first + (total_width + 2.0 * BEYOND) * np.linspace(0.0, 1.0, max(5, round(20 * (total_width + 2.0 * BEYOND))) + 1)
     misfits = np.array([misfit(step) for step in steps])
-    best = int(np.argmin(misfits))
-    apart = min(misfits[0], misfits[-1], misfit(first - 0.5), misfit(steps[-1] + 0.5))
-    if 4 * modulus.size * np.log(apart / misfits[best]) < CONFIDENCE:
-        names = " and ".join(data.name(t) for t in data.temperatures[k : k + 2])
-        raise DataError(
-            f"the curves at {names} do not overlap: apart they are as good a modulus ({100 * apart:.2g} %) as one over the other "
-            f"({100 * misfits[best]:.2g} %), so that their shift is not known"
-        )
+    best, as_good = int(np.argmin(misfits)), 4 * modulus.size * np.log(misfits / misfits.min()) < CONFIDENCE
     around = slice(max(best - 1, 0), best + 2)
     top = np.polyfit(steps[around], misfits[around], 2) if steps[around].size == 3 else np.zeros(3)
-    return float(-top[1] / (2.0 * top[0])) if top[0] > 0.0 else float(steps[best])
+    step = -top[1] / (2.0 * top[0]) if top[0] > 0.0 else steps[best]
+    least = -np.inf if as_good[0] else steps[as_good].min()
+    largest = np.inf if as_good[-1] else steps[as_good].max()
+    return float(step), float(least), float(largest), 100.0 * float(misfits[best])
 
 
-def _check_overlap(data: Measurements, law: str, rows: np.ndarray) -> None:
-    """Refuse a law that shifts neighbouring sets apart; rows: reduced frequencies [Hz]."""
+def _check_overlap(data: Measurements, law: str, rows: np.ndarray, known: np.ndarray) -> None:
+    """Refuse a law that shifts neighbouring sets apart whose overlap is known; rows: reduced frequencies [Hz]."""
     for k, (cold, warm) in enumerate(zip(data.temperatures, data.temperatures[1:])):
         one, two = rows[data.group == k], rows[data.group == k + 1]
-        if two.max() < one.min() or one.max() < two.min():
+        if known[k] and (two.max() < one.min() or one.max() < two.min()):
             names = f"{data.name(cold)} and {data.name(warm)}"
             raise DataError(f"{law} does not hold: it shifts the overlapping curves at {names} apart; try --shift free")
 
 
-def _start(law: str, first: np.ndarray, sets: np.ndarray, base: int) -> tuple[np.ndarray, tuple, np.ndarray]:
-    """Return unknowns that come nearest to first shifts, their bounds and their sizes."""
+def _start(law: str, steps: np.ndarray, known: np.ndarray, sets: np.ndarray, base: int) -> tuple[np.ndarray, tuple, np.ndarray]:
+    """Return unknowns that come nearest to the known steps from set to set, their bounds and their sizes."""
+    first = steps[known]
     if law == "free":
-        return np.delete(first, base), (-np.inf, np.inf), np.ones(sets.size - 1)
+        return first, (-np.inf, np.inf), np.ones(first.size)
+
+    def step(constants: np.ndarray) -> np.ndarray:
+        return np.diff(shift_factor(law, constants, sets, sets[base]))[known]
+
     if law == "arrhenius":
-        unit = shift_factor(law, np.ones(1), sets, sets[base])
+        unit = step(np.ones(1))
         start = np.array([max(unit @ first / (unit @ unit), 1.0)])
         return start, (0.0, np.inf), start
     least = max(1.0, 1.0 - (sets.min() - sets[base]))  # C2 + T - T_ref stays positive
     bounds = ([0.0, least], [200.0, 2000.0])
-    guess = least_squares(lambda c: shift_factor(law, c, sets, sets[base]) - first, [10.0, least + 60.0], bounds=bounds)
+    guess = least_squares(lambda c: step(c) - first, [10.0, least + 60.0], bounds=bounds)
     return guess.x, bounds, np.maximum(guess.x, 1.0)

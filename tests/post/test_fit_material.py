@@ -141,6 +141,22 @@ def test_curves_that_do_not_overlap_are_refused(tmp_path):
             master_curve(read(path), law, kelvin[2])
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_shift_that_the_overlap_leaves_open_is_taken_from_the_law_or_the_neighbours(tmp_path, seed):
+    """The fourth of five sets is missing, so that the last two stand apart by a decade."""
+    path, _, law, kelvin, shifts = raw_table(tmp_path, seed, 0.75)
+    path.write_text(re.sub(r"[^\n]*,3\n", "", path.read_text() + "\n"))
+    data, true = read(path), shifts[[0, 1, 2, 4]]
+    for mode in (law, "free"):
+        found = master_curve(data, mode, kelvin[2])
+        ((k, low, high),) = found.open
+        assert (k, np.isnan(found.overlaps).tolist()) == (2, [False, False, False, True])
+        assert low <= true[3] <= high
+        off = np.abs(found.shifts - true)
+        assert off[: 3 if mode == "free" else 4].max() < 0.05 * np.abs(true).max(), (mode, off)
+        assert np.isinf(found.errors[3]) == (mode == "free")
+
+
 def test_a_raw_table_becomes_the_material_of_a_temperature(tmp_path, capsys):
     path, truth, _, kelvin, shifts = raw_table(tmp_path, 0, 0.5)
     frequency = np.logspace(-1.0, 1.0, 30)
@@ -183,10 +199,17 @@ def test_what_the_data_cannot_tell_is_said(tmp_path, capsys):
     assert fit_material_command.main([str(path), "--law", "maxwell", "--target", "0.001"]) == 0
     told = capsys.readouterr()
     assert "warning: the measured storage modulus falls by 23 %" in told.out
+    rows = read(path)
     few = "f,E_stor,E_loss\nHz,MPa,MPa\n1,10,1\n3,11,1.5\n10,10.5,1.8\n30,9,2\n100,8,2.2\n300,10,2\n"
     assert fit_material_command.main([str(table(tmp_path, few)), "--law", "maxwell", "--terms", "1"]) == 0
     assert "warning: the measured storage modulus falls by 27 %" in capsys.readouterr().err
     assert "warning: no fit reaches --target 0.001, the best has" in told.out
+    material = of_group(deck_text.parse(told.out).one("material"))
+    first = slice(0, 4)  # 1 to 10 Hz
+    loss = material.modulus(rows.frequency).imag / material.modulus(rows.frequency).real
+    off = loss[first] / (rows.modulus.imag / rows.modulus.real)[first] - 1.0
+    stated = float(re.search(r"1 to 10 Hz \S+ %, loss factor (\S+) %", told.out)[1])
+    assert stated == pytest.approx(100.0 * np.sqrt(np.mean(off**2)), rel=0.06)
     assert "terms act outside the band, at " in told.out
     assert told.err.count("warning: ") == 2
 
