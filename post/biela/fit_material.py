@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import html
 import sys
 import tempfile
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -20,45 +23,141 @@ from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, of_group
 from .picture_files import FORMATS, save, stem_of
 from .plot import COLOURS, LOOK
 
+if TYPE_CHECKING:
+    import pandas
+
 DECADE = 10.0
 MOST_LABELS = 7  # entries of a legend
 MARKS = "osD^vP*X<>"
 EDGE = 1.0e-9  # rounding of a frequency that stands on the band's end
 
 
-def check(args: argparse.Namespace) -> None:
-    """Refuse options that make no sense; DataError."""
-    if args.terms is not None and not 1 <= args.terms <= 12:
-        raise DataError(f"--terms {args.terms}: 1 to 12 expected")
-    for option in ("target", "fastest_pole", "density"):
-        value = getattr(args, option)
-        if value is not None and not (np.isfinite(value) and value > 0.0):
-            raise DataError(f"--{option.replace('_', '-')} {value:g}: a positive number expected")
-    if args.band and not 0.0 < args.band[0] < args.band[1] < np.inf:
-        raise DataError(f"--band {args.band[0]:g} {args.band[1]:g}: two positive frequencies expected, the lower one first")
+@dataclass(frozen=True)
+class Options:
+    """How a table is read, shifted and fitted.
+
+    Attributes:
+        law: 'ghm' or 'maxwell'; None: the better one at equal cost
+        terms: number of terms; None: as few as reach the target
+        target: error |E_fit/E - 1| at which terms are enough [-]
+        fastest_pole: bound of the terms' poles [1/s]; None: a decade above the band
+        name: of the material; None: that of the table's file
+        density: that the deck's lines state [kg/m3]
+        source_note: where the data come from, for the deck's comment
+        band: frequencies that are used [Hz]; None: all
+        columns: names of columns that are not the usual ones, by what they hold (the keys of `material_data.USUAL`)
+        units: of the columns where the table has none: 'Hz,MPa,MPa,C'
+        tolerance: temperatures this near are one [K]
+        shift: law of the shift, 'free', 'wlf' or 'arrhenius'; None: wlf, of two temperatures free
+        reference: temperature of the terms, in the table's unit; None: the middle one
+        temperature: at which the part is used, in the table's unit; None: the reference
+    """
+
+    law: str | None = None
+    terms: int | None = None
+    target: float = 0.01
+    fastest_pole: float | None = None
+    name: str | None = None
+    density: float | None = None
+    source_note: str = ""
+    band: tuple[float, float] | None = None
+    columns: dict[str, str] = field(default_factory=dict)
+    units: str = ""
+    tolerance: float = 0.5
+    shift: str | None = None
+    reference: float | None = None
+    temperature: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.terms is not None and not 1 <= self.terms <= 12:
+            raise DataError(f"--terms {self.terms}: 1 to 12 expected")
+        for option in ("target", "fastest_pole", "density"):
+            value = getattr(self, option)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise DataError(f"--{option.replace('_', '-')} {value:g}: a positive number expected")
+        if self.band and not 0.0 < self.band[0] < self.band[1] < np.inf:
+            raise DataError(f"--band {self.band[0]:g} {self.band[1]:g}: two positive frequencies expected, the lower one first")
+        for option, words in (("law", (None, "ghm", "maxwell")), ("shift", (None, "free", "wlf", "arrhenius"))):
+            if getattr(self, option) not in words:
+                raise DataError(f"--{option} {getattr(self, option)}: one of {', '.join(words[1:])} expected")
 
 
-def read_material(args: argparse.Namespace) -> tuple[str, Material, float]:
+@dataclass(frozen=True)
+class MaterialFit:
+    """A material whose terms were fitted to a complex modulus.
+
+    Attributes:
+        material: the terms
+        name: of the material
+        error: root mean square of |E_fit/E - 1| over the rows [-]
+        density: [kg/m3], None where it was not given
+        band: frequencies of the data [Hz]
+        scale: ghm_frequency_scale of the temperature at which the material is used [-]
+        points: (label, frequencies [Hz], complex moduli [Pa]) of the measurements, at the reference temperature
+        notes: what the deck's comment says: source, errors by decade, shifts
+        curve: of several temperatures, None of one
+    """
+
+    material: Material
+    name: str
+    error: float
+    density: float | None
+    band: tuple[float, float]
+    scale: float
+    points: list[tuple[str, np.ndarray, np.ndarray]]
+    notes: list[str]
+    curve: MasterCurve | None = None
+
+    @property
+    def warnings(self) -> list[str]:
+        """What speaks against the data or the fit."""
+        return [words.removeprefix("warning: ") for words in self.notes if words.startswith("warning: ")]
+
+    @property
+    def text(self) -> str:
+        """The lines of a deck: comments, then the `&material` group."""
+        return material_lines(self.material, self.name, self.density or 1000.0, self.notes, self.band, self.scale)
+
+    def picture(self) -> plt.Figure:
+        """Draw storage modulus, loss factor and the terms over frequency."""
+        return picture(self.material, f"{self.name}: {law_of(self.material)}, {100 * self.error:.2g} % rms", self.band, self.points)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return measured and fitted storage moduli and loss factors over frequency, units in the names of the columns."""
+        import pandas
+
+        label, frequency, modulus = (np.concatenate([np.atleast_1d(one[k]) for one in self.points]) for k in range(3))
+        label = np.repeat(label, [one[1].size for one in self.points])
+        fitted = self.material.modulus(frequency)
+        columns = {"data": label, "f_[Hz]": frequency, "E_stor_[Pa]": modulus.real, "loss_factor": modulus.imag / modulus.real}
+        return pandas.DataFrame({**columns, "fit.E_stor_[Pa]": fitted.real, "fit.loss_factor": fitted.imag / fitted.real})
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(self.text)}</pre>"
+
+
+def read_material(source: Path, name: str | None, biela: Path) -> tuple[str, Material, float]:
     """Return name, modulus and density of the deck's material; DeckError."""
-    deck = deck_text.read(args.source, biela=args.biela)
-    group = deck.one("material", (args.name or "").lower())
+    deck = deck_text.read(source, biela=biela)
+    group = deck.one("material", (name or "").lower())
     return group.word("name"), of_group(group), group.number("density")
 
 
-def chosen_fit(args: argparse.Namespace, frequency: np.ndarray, modulus: np.ndarray) -> tuple[Fit, list[str]]:
-    """Return the fit that the command line asks for, and lines that say how it was chosen."""
-    fastest = args.fastest_pole or DECADE * 2.0 * np.pi * frequency.max()
+def chosen_fit(options: Options, frequency: np.ndarray, modulus: np.ndarray) -> tuple[Fit, list[str]]:
+    """Return the fit that the options ask for, and lines that say how it was chosen."""
+    fastest = options.fastest_pole or DECADE * 2.0 * np.pi * frequency.max()
     if fastest <= 2.0 * np.pi * frequency.min():
         raise DataError(f"--fastest-pole {fastest:g}: lies below the band, which begins at {2.0 * np.pi * frequency.min():g} 1/s")
-    if args.terms:
-        if args.law:
-            return fit(args.law, args.terms, frequency, modulus, fastest), []
-        tried = [fit("ghm", args.terms, frequency, modulus, fastest), fit("maxwell", 2 * args.terms, frequency, modulus, fastest)]
-    elif args.law:
-        return choose_terms(args.law, frequency, modulus, fastest, args.target, 8), []
+    if options.terms:
+        if options.law:
+            return fit(options.law, options.terms, frequency, modulus, fastest), []
+        pairs = (("ghm", options.terms), ("maxwell", 2 * options.terms))
+        tried = [fit(law, terms, frequency, modulus, fastest) for law, terms in pairs]
+    elif options.law:
+        return choose_terms(options.law, frequency, modulus, fastest, options.target, 8), []
     else:
-        tried = [choose_terms(law, frequency, modulus, fastest, args.target, most) for law, most in (("ghm", 4), ("maxwell", 8))]
-    least = max(args.target, NEAR * min(one.error for one in tried))
+        tried = [choose_terms(law, frequency, modulus, fastest, options.target, most) for law, most in (("ghm", 4), ("maxwell", 8))]
+    least = max(options.target, NEAR * min(one.error for one in tried))
     best = min((one for one in tried if one.error <= least), key=lambda one: (one.material.internal_variables, one.error))
     other = tried[0] if best is tried[1] else tried[1]
     comparison = "; ".join(
@@ -172,42 +271,42 @@ def picture(
     return figure
 
 
-def stable_steps(args: argparse.Namespace, material: Material) -> list[str]:
-    """Return what the solver says of the explicit steps of a deck whose material NAME gets the terms; DataError."""
-    deck = deck_text.read(args.deck, biela=args.biela)
-    group = deck.one("material", (args.name or "").lower())
+def stable_steps(path: Path, name: str | None, material: Material, biela: Path) -> list[str]:
+    """Return what the solver says of the explicit steps of a deck whose material of that name gets the terms; DataError."""
+    deck = deck_text.read(path, biela=biela)
+    group = deck.one("material", (name or "").lower())
     values = dict.fromkeys((*GHM_KEYS, *MAXWELL_KEYS, "ghm_frequency_scale")) | material.assignments()
     with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / args.deck.name
+        copy = Path(folder) / path.name
         copy.write_text(deck.set(group, **values).text, encoding="utf-8")
-        done = call_solver(args.biela, "--check", copy)
+        done = call_solver(biela, "--check", copy)
     if done.returncode == 2:
         message = (done.stderr.strip() or done.stdout).splitlines()[0]
-        raise DataError(f"{args.deck}: with the fitted terms the solver says: {message}")
+        raise DataError(f"{path}: with the fitted terms the solver says: {message}")
     lines = done.stdout.splitlines()
     first = next((k for k, line in enumerate(lines) if line.startswith("stable steps")), len(lines))
     bounds = [line for line in lines[first : first + 8] if line.startswith("stable") or "bound" in line or "limited" in line]
-    return [f"{args.deck}, material {group.word('name')!r}:", *bounds]
+    return [f"{path}, material {group.word('name')!r}:", *bounds]
 
 
-def shifted(args: argparse.Namespace, data: Measurements) -> tuple[MasterCurve | None, list[str]]:
+def shifted(options: Options, data: Measurements) -> tuple[MasterCurve | None, list[str]]:
     """Return the master curve at the reference temperature and notes about it; no curve where there is one temperature."""
     sets = data.temperatures
-    wanted = {option: getattr(args, option) for option in ("reference", "temperature") if getattr(args, option) is not None}
+    wanted = {option: value for option in ("reference", "temperature") if (value := getattr(options, option)) is not None}
     if sets.size < 2:
         if wanted:
             raise DataError(f"--{next(iter(wanted))}: the table has fewer than two temperatures, between which it could lie")
         return None, []
     for option, value in wanted.items():
-        if not sets[0] - args.tolerance <= value + data.zero <= sets[-1] + args.tolerance:
+        if not sets[0] - options.tolerance <= value + data.zero <= sets[-1] + options.tolerance:
             ends = f"{data.name(sets[0])} to {data.name(sets[-1])}"
             raise DataError(f"--{option} {value:g}: outside the measured temperatures, {ends}; nothing is claimed there")
-    reference = float(sets[sets.size // 2]) if args.reference is None else args.reference + data.zero
-    law = args.shift or ("wlf" if sets.size > 2 else "free")
+    reference = float(sets[sets.size // 2]) if options.reference is None else options.reference + data.zero
+    law = options.shift or ("wlf" if sets.size > 2 else "free")
     found = master_curve(data, law, reference)
     words = {"wlf": "WLF, C1 = {0:.4g}, C2 = {1:.4g} K", "arrhenius": "Arrhenius, {0:.4g} kJ/mol", "free": "a factor each"}
     notes = [
-        f"{sets.size} temperatures (within {args.tolerance:g} K: one); reference {data.name(reference)}; "
+        f"{sets.size} temperatures (within {options.tolerance:g} K: one); reference {data.name(reference)}; "
         f"shift: {words[law].format(*found.constants)}",
         "   temperature   rows         a_T  known to  a_T by overlap  misfit, rms",
     ]
@@ -241,47 +340,73 @@ def as_measured(data: Measurements) -> list[str]:
     return notes
 
 
-def fit_table(args: argparse.Namespace) -> int:
-    """Fit the table, print the lines, draw the picture; DataError."""
-    names = {quantity: name for quantity in material_data.USUAL if (name := getattr(args, f"column_{quantity}"))}
-    data = material_data.read(args.source, names, args.units, args.tolerance)
-    curve, notes = shifted(args, data)
+def fit_table(source: str | Path, options: Options) -> MaterialFit:
+    """Fit terms to a table of measured moduli.
+
+    Args:
+        source: the table (material_data.py says how it may look)
+        options: of reading, shifting and fitting
+
+    Raises:
+        DataError: the table cannot be used, or does not meet the options.
+    """
+    source = Path(source)
+    data = material_data.read(source, options.columns, options.units, options.tolerance)
+    curve, notes = shifted(options, data)
     frequency = curve.frequency if curve else data.frequency
     labels = [data.name(temperature) for temperature in data.temperatures] if curve else ["data"]
     points = [(label, frequency[data.group == k], data.modulus[data.group == k]) for k, label in enumerate(labels)]
     scale = 1.0
-    if curve and args.temperature is not None:
-        scale = 10.0 ** -curve.shift(args.temperature + data.zero)
-        notes.append(f"for {data.name(args.temperature + data.zero)}: ghm_frequency_scale = {scale:.6g} multiplies rates and band")
+    if curve and options.temperature is not None:
+        scale = 10.0 ** -curve.shift(options.temperature + data.zero)
+        at = data.name(options.temperature + data.zero)
+        notes.append(f"for {at}: ghm_frequency_scale = {scale:.6g} multiplies rates and band")
     notes += as_measured(data)
-    return deliver(args, args.name or args.source.stem, (frequency, data.modulus), points, notes, args.density, scale)
+    options = replace(options, name=options.name or source.stem)
+    return fitted(options, source, points, notes, scale, curve)
 
 
-def deliver(args, name: str, table: tuple, points: list, notes: list[str], density: float | None, scale: float = 1.0) -> int:
-    """Fit, print and draw.
+def convert(source: Path, options: Options, biela: Path) -> MaterialFit:
+    """Fit terms of another law to the modulus of a deck's material, over a band; DataError, DeckError."""
+    name, material, density = read_material(source, options.name, biela)
+    frequency = np.logspace(*np.log10(options.band or band_of(material)), 120)
+    points = [("as stated", frequency, material.modulus(frequency))]
+    return fitted(replace(options, name=name, density=density), source, points, [])
+
+
+def band_of(material: Material) -> tuple[float, float]:
+    """Return the frequencies over which a material is drawn where none are asked for: three decades below its fastest pole [Hz]."""
+    fastest = material.fastest_pole / (2.0 * np.pi) if material.internal_variables else 1.0e3 / (2.0 * np.pi)
+    return 1.0e-3 * fastest, fastest
+
+
+def fitted(
+    options: Options, source: Path, points: list, notes: list[str], scale: float = 1.0, curve: MasterCurve | None = None
+) -> MaterialFit:
+    """Fit terms to moduli.
 
     Args:
-        args: the command line
-        name: of the material
-        table: frequencies [Hz] and what is fitted there [Pa]
-        points: what the picture shows beside the fit
+        options: of the fit
+        source: where the moduli come from, for messages and comment
+        points: (label, frequencies [Hz], complex moduli [Pa]) of what is fitted
         notes: lines for the comment
-        density: [kg/m3]
         scale: ghm_frequency_scale of the temperature at which the material is used [-]
+        curve: of several temperatures
     """
-    frequency, modulus = table
+    frequency, modulus = (np.concatenate([one[k] for one in points]) for k in (1, 2))
     inside = np.ones(frequency.size, dtype=bool)
-    if args.band:
-        inside = (frequency >= args.band[0] * (1.0 - EDGE)) & (frequency <= args.band[1] * (1.0 + EDGE))
+    if options.band:
+        inside = (frequency >= options.band[0] * (1.0 - EDGE)) & (frequency <= options.band[1] * (1.0 + EDGE))
     if inside.sum() < 2:
-        raise DataError(f"{args.source}: fewer than two rows lie inside the band {args.band[0]:g} to {args.band[1]:g} Hz")
+        ends = f"{options.band[0]:g} to {options.band[1]:g} Hz"
+        raise DataError(f"{source}: fewer than two rows lie inside the band {ends}")
     frequency, modulus = frequency[inside], modulus[inside]
     band = (frequency.min(), frequency.max())
-    found, law_notes = chosen_fit(args, frequency, modulus)
+    found, law_notes = chosen_fit(options, frequency, modulus)
     material = found.material
     worst = float(relative_error(material, frequency, modulus).max())
     notes = [
-        f"{law_of(material)} fitted to {args.source_note or args.source.name}, "
+        f"{law_of(material)} fitted to {options.source_note or source.name}, "
         f"{frequency.size} rows, {band[0]:g} to {band[1]:g} Hz",
         f"relative error |E_fit/E - 1|: {100 * found.error:.3g} % rms, {100 * worst:.3g} % at most; by decade:",
         *(f"  {line}" for line in errors_by_decade(material, frequency, modulus)),
@@ -292,39 +417,50 @@ def deliver(args, name: str, table: tuple, points: list, notes: list[str], densi
         *law_notes,
         *notes,
     ]
-    if found.error > args.target and not args.terms:
-        notes.append(f"warning: no fit reaches --target {args.target:g}, the best has {found.error:.3g}")
-    if density is None:
+    if found.error > options.target and not options.terms:
+        notes.append(f"warning: no fit reaches --target {options.target:g}, the best has {found.error:.3g}")
+    if options.density is None:
         notes.append("no --density was given: set it before use")
-    text = material_lines(material, name, density or 1000.0, notes, band, scale)
-    print(text, end="")
-    for note in notes:
-        if note.startswith("warning: "):
-            print(f"{args.source}: {note}", file=sys.stderr)
+    return MaterialFit(material, options.name, found.error, options.density, band, scale, points, notes, curve)
+
+
+def work(args: argparse.Namespace) -> int:
+    """Do what the command line asks: print the lines of the fit, write and draw them; or draw a deck's material."""
+    columns = {quantity: name for quantity in material_data.USUAL if (name := getattr(args, f"column_{quantity}"))}
+    options = Options(columns=columns, **{one.name: getattr(args, one.name) for one in fields(Options) if one.name != "columns"})
+    if args.source.suffix != ".nml":
+        found = fit_table(args.source, options)
+    elif args.law or args.terms:
+        found = convert(args.source, options, args.biela)
+    else:
+        return show_material(args)
+    print(found.text, end="")
+    for words in found.warnings:
+        print(f"{args.source}: warning: {words}", file=sys.stderr)
     stem = args.output or args.source.with_name(f"{args.source.stem}_fit")
-    title = f"{name}: {law_of(material)}, {100 * found.error:.2g} % rms"
-    drawn = save(picture(material, title, band, points), stem_of(stem, (".nml",)))
-    lines = stem_of(stem, (*FORMATS, ".nml"))
-    lines = lines.with_name(lines.name + ".nml")
-    try:
-        lines.write_text(text, encoding="utf-8")
-    except OSError as fault:
-        raise DataError(f"{lines}: cannot be written ({fault.strerror})") from None
+    drawn, lines = write(found, stem)
     if args.deck:
-        print("\n".join(["", *stable_steps(args, material)]))
+        print("\n".join(["", *stable_steps(args.deck, args.name, found.material, args.biela)]))
     print(f"\nwrote {lines} and {drawn}", file=sys.stderr)
     return 0
 
 
+def write(found: MaterialFit, stem: Path) -> tuple[Path, Path]:
+    """Draw a fit and write its lines; returns both paths. DataError, HistoryError: one cannot be written."""
+    drawn = save(found.picture(), stem_of(stem, (".nml",)))
+    lines = stem_of(stem, (*FORMATS, ".nml"))
+    lines = lines.with_name(lines.name + ".nml")
+    try:
+        lines.write_text(found.text, encoding="utf-8")
+    except OSError as fault:
+        raise DataError(f"{lines}: cannot be written ({fault.strerror})") from None
+    return drawn, lines
+
+
 def show_material(args: argparse.Namespace) -> int:
-    """Draw a deck's material, or convert it where a law is asked for; DataError, DeckError."""
-    name, material, density = read_material(args)
-    poles = [1.0e-3 * material.fastest_pole, material.fastest_pole] if material.internal_variables else [1.0, 1.0e3]
-    band = tuple(args.band) if args.band else (poles[0] / (2.0 * np.pi), poles[1] / (2.0 * np.pi))
-    if args.law or args.terms:
-        frequency = np.logspace(*np.log10(band), 120)
-        modulus = material.modulus(frequency)
-        return deliver(args, name, (frequency, modulus), [("as stated", frequency, modulus)], [], density)
+    """Draw a deck's material and print its modulus; DataError, DeckError."""
+    name, material, _ = read_material(args.source, args.name, args.biela)
+    band = tuple(args.band or band_of(material))
     stem = args.output or args.source.with_name(f"{args.source.stem}_modulus")
     drawn = save(picture(material, f"{name}: {law_of(material)}", band, []), stem)
     for frequency in np.logspace(*np.log10(band), 7):
@@ -333,9 +469,3 @@ def show_material(args: argparse.Namespace) -> int:
     print(f"fastest pole {material.fastest_pole:.4g} 1/s; {material.internal_variables} internal variables a deformation")
     print(f"wrote {drawn}", file=sys.stderr)
     return 0
-
-
-def work(args: argparse.Namespace) -> int:
-    """Do what the command line asks."""
-    check(args)
-    return show_material(args) if args.source.suffix == ".nml" else fit_table(args)

@@ -25,7 +25,7 @@ from .result_files import RESULT_FILES, BielaError
 if TYPE_CHECKING:
     import pandas
 
-    from .material_law import Material
+    from .fit_material import MaterialFit
 
 
 REPEATED = ("where", "at")  # options that stand once for each of their values
@@ -279,19 +279,26 @@ def sensitivity(study: str | Path, folder: str | Path | None = None, **options: 
     return pandas.read_csv(results / "table.csv")
 
 
-def fit(table: str | Path, folder: str | Path | None = None, **options: object) -> Material:
-    """Fit terms to measured moduli and return the material; options are those of post/fit_material.py (`density=1200`).
+def fit(table: str | Path, folder: str | Path | None = None, **options: object) -> MaterialFit:
+    """Fit terms to measured moduli; nothing is printed, and nothing drawn without a folder.
 
-    With a folder, NAME.nml and NAME.png stay there.
+    Args:
+        table: of measured moduli
+        folder: gets NAME.nml and NAME.png
+        options: those of `fit_material.Options` (`density=1200` [kg/m3], `law="maxwell"`, `terms=3`)
+
+    Returns:
+        the `material`, its `error`, `warnings`, the deck's `text`; `picture()`, `to_dataframe()`.
 
     Raises:
         BielaError: the table cannot be fitted.
     """
-    from .material_law import of_group
+    from . import fit_material
 
-    with tempfile.TemporaryDirectory() as temporary:
-        _, text = _tool("fit_material", table, output=Path(folder or temporary) / Path(table).stem, **options)
-    return of_group(deck_text.parse(text).one("material"))
+    found = fit_material.fit_table(table, fit_material.Options(**options))
+    if folder is not None:
+        fit_material.write(found, Path(folder) / Path(table).stem)
+    return found
 
 
 def tradeoff(deck: str | Path, folder: str | Path | None = None, **options: object) -> str:

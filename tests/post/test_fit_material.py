@@ -302,8 +302,7 @@ def test_files_that_cannot_be_read_or_written_are_told(tmp_path, capsys, monkeyp
 
 def test_the_law_is_chosen_for_a_given_number_of_terms(tmp_path):
     data = read(table(tmp_path, ELASTOMER))
-    args = fit_material_command.parser.parse_args(["data.csv", "--terms", "1"])
-    found, told = fit_material.chosen_fit(args, data.frequency, data.modulus)
+    found, told = fit_material.chosen_fit(fit_material.Options(terms=1), data.frequency, data.modulus)
     assert found.material.weight.size == 2, "two Maxwell terms cost as much as one GHM term"
     other = fit("ghm", 1, data.frequency, data.modulus, 20.0 * np.pi * 1500.0)
     errors = [f"{100 * one.error:.3g} % with 2 internal variables" for one in (found, other)]
@@ -344,8 +343,6 @@ def test_what_the_solver_says_of_the_deck_is_told(tmp_path):
         ("solver", DataError, f"{tmp_path}/deck.nml: with the fitted terms the solver says: deck.nml:1: too soft"),
         ("none", BielaError, f"{tmp_path}/none: cannot be run (No such file or directory): `make` builds it"),
     ):
-        words = ["d.csv", "--deck", f"{tmp_path}/deck.nml", "--biela", f"{tmp_path}/{program}"]
-        args = fit_material_command.parser.parse_args(words)
         with pytest.raises(kind) as fault:
-            fit_material.stable_steps(args, Material(1e6))
+            fit_material.stable_steps(tmp_path / "deck.nml", None, Material(1e6), tmp_path / program)
         assert str(fault.value).startswith(told)

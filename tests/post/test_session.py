@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import biela as package
 import numpy as np
@@ -59,6 +60,7 @@ def test_whatever_goes_wrong_is_one_exception_with_the_words_of_the_solver():
         (lambda: package.run(DECK, set={"L": None}), "L: NoneType is no value of a deck"),
         (lambda: package.run(DECK)["b"], "no column 'b'"),
         (lambda: package.fit("none.csv"), "none.csv: no such file"),
+        (lambda: package.fit("none.csv", law="kelvin"), "--law kelvin: one of ghm, maxwell expected"),
         (lambda: package.sweep("none.toml"), "none.toml: no such file"),
         (lambda: package.tradeoff("none.nml"), "none.nml: cannot be read"),
     ):
@@ -67,6 +69,28 @@ def test_whatever_goes_wrong_is_one_exception_with_the_words_of_the_solver():
         assert told in str(fault.value)
     with pytest.raises(AttributeError, match="no 'nothing'; there are version"):
         _ = package.run(DECK).summary.nothing
+
+
+def test_fits_in_threads_are_those_of_one_after_the_other_and_leave_nothing(tmp_path, capsys):
+    """Data come back; nothing is printed, drawn or written, and the streams of the process stay what they are."""
+    before = sys.stdout, sys.stderr
+    table = ROOT / "input" / "materials" / "elastomer.csv"
+    kinds = [("maxwell", 3), ("ghm", 2), ("maxwell", 2)] * 2
+    with ThreadPoolExecutor(6) as pool:
+        found = list(pool.map(lambda kind: package.fit(table, law=kind[0], terms=kind[1], density=1200), kinds))
+    assert (sys.stdout, sys.stderr) == before
+    assert capsys.readouterr() == ("", "")
+    assert {path.name for path in tmp_path.iterdir()} == {"load.txt"}
+    for one, (law, terms) in zip(found, kinds):
+        alone = package.fit(table, law=law, terms=terms, density=1200)
+        assert (one.text, one.error) == (alone.text, alone.error)
+        frame = one.to_dataframe()
+        fitted, measured = (frame[f"{a}E_stor_[Pa]"] * (1 + 1j * frame[f"{a}loss_factor"]) for a in ("fit.", ""))
+        off = fitted / measured
+        assert np.sqrt(np.mean(np.abs(off - 1.0) ** 2)) == pytest.approx(one.error, rel=1e-12)
+    assert "<pre>! 3 Maxwell terms fitted to elastomer.csv" in found[0]._repr_html_()
+    assert package.fit(table, "kept", terms=3).warnings == []
+    assert {path.name for path in (tmp_path / "kept").iterdir()} == {"elastomer.nml", "elastomer.png"}
 
 
 def test_a_study_gives_its_table(tmp_path):
