@@ -20,7 +20,7 @@ module linear_state
   use summary_text, only: summary_record
   implicit none (type, external)
   private
-  public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium, warn_of_motion
+  public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium, warn_of_motion, largest_acceleration
 
   real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others, as at assembly [-]
   real(wp), parameter :: at_rest = 1.0e-6_wp        !! accelerations of an equilibrium, over those without joints [-]

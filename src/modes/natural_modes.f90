@@ -9,7 +9,7 @@ module natural_modes
   use posix, only: caught_signal
   implicit none (type, external)
   private
-  public :: lowest_natural_modes, rounding_level, without_rounding, stiffness_scales, highest_ratio
+  public :: small_shift, lowest_natural_modes, rounding_level, without_rounding, stiffness_scales, highest_ratio
 
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
   integer, parameter :: most_passes = 80, most_rounds = 6

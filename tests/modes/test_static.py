@@ -1,6 +1,8 @@
 """Static equilibrium: closed forms, turning arms, closed mechanisms, large deflections, and what follows from them."""
 
 
+import math
+
 import numpy as np
 import pytest
 from biela.histories import read
@@ -182,7 +184,7 @@ def test_transient_loads_do_not_act_in_the_static_stage(static_of):
 
 
 FREE = """&scene title='a free one' gravity=0.0,-9.81 /
-&body name='Arm' kind='rigid' mass=1.0 inertia=0.1 com=0.5,0.0 /
+&body name='Arm' kind='rigid' mass=1.0 inertia=0.1 com={com},0.0 /
 &body name='bracket' kind='rigid' mass=1.0 inertia=0.1 position=3.0,0.0 /
 &joint name='hub' type='revolute' body_a='arm' /
 &joint name='wall' type='weld' body_a='bracket' point_b=3.0,0.0 /
@@ -191,25 +193,103 @@ FREE = """&scene title='a free one' gravity=0.0,-9.81 /
 
 
 def test_bodies_left_free_are_refused_by_name(run_deck):
-    run = run_deck(FREE, expect=2)
+    run = run_deck(FREE.format(com=0.0), expect=2)
     assert '"arm"' in run.stderr.lower()
     assert "bracket" not in run.stderr
     assert not run.folder.exists()
-    told = run_deck(FREE, "--check", expect=2, name="check").stderr.splitlines()
+    told = run_deck(FREE.format(com=0.0), "--check", expect=2, name="check").stderr.splitlines()
     assert sum("left free to move" in line for line in told) == 1
 
 
+HANGING = """&scene gravity=0.0,-9.81 /
+&body name='arm' mass=1.0 inertia=0.1 com=0.5,0.0 angle={angle!r} /
+&joint name='hub' type='revolute' body_a='arm' /
+&sensor name='arm' quantity='angle' body='arm' /
+&sensor name='hub' quantity='reaction' joint='hub' /
+"""
+PULL = "&spring name='k' type='linear' body_a='arm' point_a=1.0,0.0 point_b=3.0,0.0 stiffness=100.0 free_length={} /\n"
+UP = np.pi / 2
+
+
+@pytest.mark.parametrize("start", [-UP, 0.0, 1.2, UP - 1e-6])
+def test_weight_holds_a_pendulum_wherever_it_starts(run_deck, start):
+    """It hangs, also from beside the top; the run that follows rests there."""
+    run = run_deck(HANGING.format(angle=start) + "&static /\n&transient t_end=0.5 method='rk4' step=1e-3 output_step=0.1 /\n")
+    assert run.stderr == ""
+    np.testing.assert_allclose(run.history["arm"], -UP, atol=1e-9)
+    np.testing.assert_allclose(run.history["hub.fy"], 9.81, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("free", "start", "angle"), [(1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (5.0, 1.0, np.pi)])
+def test_a_stretched_or_pressed_spring_holds_an_arm_along_its_line(static_of, free, start, angle):
+    """Without weight: the arm points to the spring's end, or away from it; the spring's force is that of this length."""
+    deck = HANGING.format(angle=start).replace("-9.81", "0.0") + PULL.format(free)
+    table = static_of(deck + "&static /\n")
+    assert table["arm"][-1] == pytest.approx(angle, abs=1e-9)
+    assert abs(table["hub.fx"][-1]) == pytest.approx(100.0 * abs(abs(3.0 - np.cos(angle)) - free), rel=1e-9)
+
+
 @pytest.mark.parametrize(
-    "pull",
+    ("load", "balanced"),
     [
-        "&spring name='k' type='linear' body_a='arm' point_a=1.0,0.0 point_b=3.0,0.0 stiffness=100.0 free_length=1.0 /\n",
-        "&force name='k' type='torque_about' body='arm' point=1.0,0.0 centre=0.3,-1.0 moment=50.0 /\n",
-        "&force name='k' type='torque_about' body='arm' point=1.0,0.0 centre=0.3,-1.0 moment=-50.0 /\n",
+        ("", True),
+        ("&force name='t' type='torque' body='arm' moment=1.0 /\n", True),
+        ("&force name='f' type='force' body='arm' fx=3.0 /\n", True),
+        ("&body name='cart' mass=1.0 inertia=1.0 /\n&joint name='rail' type='prismatic' body_a='cart' /\n", False),
     ],
 )
-def test_tension_does_not_hold_a_body(run_deck, pull):
-    """A stretched spring along an arm, or a load that turns with it, is a matter of the load: its stiffness does not count."""
-    assert 'left free to move: "arm"; expected' in run_deck(FREE.replace("&static /", pull + "&static /"), expect=2).stderr.lower()
+def test_loads_that_do_not_change_with_the_position_hold_nothing(run_deck, load, balanced):
+    """An arm balanced on its pin: no load there, a moment or a force through the pin turns it back. A cart rolls, the arm hangs."""
+    com = "com=0.0,0.0" if balanced else "com=0.5,0.0"
+    run = run_deck(HANGING.format(angle=0.4).replace("com=0.5,0.0", com) + load + "&static /\n", expect=2)
+    assert f'left free to move: "{"arm" if balanced else "cart"}"; expected' in run.stderr
+    assert not run.folder.exists()
+
+
+@pytest.mark.parametrize("links", [3, 30])
+def test_a_chain_hangs(static_of, links):
+    """From level: every link ends upright, each pin carries what hangs below it."""
+    deck = "&scene gravity=0.0,-9.81 /\n"
+    for k in range(links):
+        deck += f"&body name='l{k}' mass=1.0 inertia=0.1 com=0.5,0.0 position={k},0.0 /\n&joint name='j{k}' type='revolute' "
+        deck += f"body_a='l{k}' " + (f"body_b='l{k - 1}' point_b=1.0,0.0 /\n" if k else "/\n")
+    deck += "&sensor name='low' quantity='reaction' joint='j1' /\n&static load_steps=1 /\n"
+    table = static_of(deck)
+    for k in range(links):
+        assert table[f"state.l{k}.angle"][-1] % (2 * np.pi) == pytest.approx(1.5 * np.pi, abs=1e-8)
+    assert table["low.fy"][-1] == pytest.approx(9.81 * (links - 1), rel=1e-9)
+
+
+@pytest.mark.parametrize("modes", ["", "modes=3 "])
+@pytest.mark.parametrize("start", [0.0, 2.5])
+def test_a_flexible_arm_hangs(static_of, modes, start):
+    """Straight down, stretched by its weight: rho g L^2 / (2 E) where nodes follow it."""
+    deck = cantilever("").replace("'beam' /", "'beam' gravity=0.0,-9.81 /", 1).replace("type='weld'", "type='revolute'")
+    table = static_of(deck.replace("kind='beam'", f"kind='beam' {modes}angle={start} "))
+    assert table["state.b.angle"][-1] % (2 * np.pi) == pytest.approx(1.5 * np.pi, abs=1e-9)
+    assert table["wall.fy"][-1] == pytest.approx(DENSITY * AREA * LENGTH * 9.81, rel=1e-9)
+    if not modes:
+        assert table["tip.u"][-1] == pytest.approx(DENSITY * 9.81 * LENGTH**2 / (2 * YOUNG), rel=1e-6)
+
+
+def test_an_arch_of_links_falls_to_its_mirror_image(static_of):
+    """A chain between two pins balances as an arch, unstable: let go a little beside it, it hangs as the mirrored arch."""
+    links, deck, x, y = 8, "&scene gravity=0.0,-9.81 /\n", 0.0, 0.0
+    for k in range(links):
+        angle = 0.7 - 0.2 * k
+        deck += f"&body name='l{k}' mass=1.0 inertia=0.1 com=0.5,0.0 position={x!r},{y!r} angle={angle!r} /\n&joint name='j{k}' "
+        deck += f"type='revolute' body_a='l{k}' " + (f"body_b='l{k - 1}' point_b=1.0,0.0 /\n" if k else "/\n")
+        x, y = x + math.cos(angle), y + math.sin(angle)
+    deck += f"&joint name='end' type='revolute' body_a='l7' point_a=1.0,0.0 point_b={x!r},{y!r} /\n"
+    deck += "&sensor name='pin' quantity='reaction' joint='j0' /\n&static load_steps=1 /\n"
+    table = static_of(deck)
+    angles = np.array([table[f"state.l{k}.angle"][-1] for k in range(links)])
+    # links of equal weight: the tangent changes by the weight over the horizontal force from joint to joint
+    pull = table["pin.fx"][-1]
+    expected = np.arctan(9.81 * (np.arange(links) - (links - 1) / 2) / -pull)
+    np.testing.assert_allclose(angles, expected, atol=1e-8)
+    assert np.sum(np.cos(expected)) == pytest.approx(x, rel=1e-9)
+    assert table["pin.fy"][-1] == pytest.approx(9.81 * links / 2, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -221,14 +301,14 @@ def test_tension_does_not_hold_a_body(run_deck, pull):
     ],
 )
 def test_the_same_body_held_is_accepted(run_deck, hold):
-    deck = FREE.replace("&static /", hold + "&static /")
+    deck = FREE.format(com=0.5).replace("&static /", hold + "&static /")
     assert run_deck(deck).status == 0
 
 
 def test_more_than_the_structure_can_carry_is_a_failure_not_a_hang(run_deck):
     push = "&force name='f' type='torque' body='arm' moment=1.0e5 /\n&spring name='k' type='linear' body_a='arm' point_a=1.0,0.0"
     push += " point_b=1.0,1.0 stiffness=10.0 /\n"
-    run = run_deck(FREE.replace("&static /", push + "&static /"), expect=1)
+    run = run_deck(FREE.format(com=0.5).replace("&static /", push + "&static /"), expect=1)
     assert "no equilibrium" in run.stderr
     assert (run.folder / "summary.txt").exists()
 

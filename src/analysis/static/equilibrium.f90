@@ -11,9 +11,10 @@ module equilibrium
   use dynamic_stiffness, only: stiffness_system
   use dynamics, only: marker_kinematics, set_frames
   use evaluation_settings, only: evaluation_options
+  use force_element, only: bilateral
   use force_scale, only: largest_force
   use frame_axes, only: to_global, to_body
-  use linear_state, only: evaluate_state, linear_system_with
+  use linear_state, only: evaluate_state, largest_acceleration, linear_system_with
   use linear_matrices, only: linear_mechanism
   use marker, only: turn
   use prescribed_motion, only: prescribe, motion_units
@@ -22,12 +23,13 @@ module equilibrium
   use singular, only: at_rest
   implicit none (type, external)
   private
-  public :: find_equilibrium, find_contacts, equilibrium_report
+  public :: find_equilibrium, find_contacts, equilibrium_report, equations, largest_motion, move
 
   integer, parameter :: most_newton = 60
   integer, parameter :: most_halvings = 10
   integer, parameter :: most_contact_steps = 400     !! of find_contacts
   real(wp), parameter :: far_way = 1.0e-6_wp         !! weight of a displacement in its steps: a body may be far from its stop [-]
+  real(wp), parameter :: slowest = 1.0e-3_wp         !! least 1/tau of its steps, over the first [-]
   real(wp), parameter :: contact_growth = 50.0_wp    !! most growth of the residual in its steps: a contact may begin [-]
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
   real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
@@ -86,9 +88,10 @@ contains
     end do
   end subroutine find_equilibrium
 
-  !> Brings bodies to the stops that hold them, by implicit steps of tau, each from rest: T = M/tau^2 + K (pseudo-transient
-  !> continuation, Kelley & Keyes 1998). Steps grow up to Newton's own while the residual falls. They are short where a contact
-  !> begins, since the residual may grow by no more than `contact_growth`.
+  !> Brings bodies to the stops and loads that hold them, by implicit steps of tau, each from rest: T = M/tau^2 + K
+  !> (pseudo-transient continuation, Kelley & Keyes 1998). Steps grow up to Newton's own while the residual falls. They are short
+  !> where a contact begins, since the residual may grow by no more than `contact_growth`, and where motions grow: T is positive
+  !> definite, so that bodies leave an unstable equilibrium.
   subroutine find_contacts(run, options, tolerance, report)
     type(run_state), intent(inout) :: run
     type(evaluation_options), intent(in) :: options  !! the loads that act
@@ -96,27 +99,34 @@ contains
     type(equilibrium_report), intent(inout) :: report
     type(stiffness_system) :: ds
     complex(wp), allocatable :: r(:)
-    real(wp), allocatable :: start(:), dx(:)
-    real(wp) :: rate                                 ! 1/tau [1/s]
+    real(wp), allocatable :: start(:), dx(:), lambda(:)
+    real(wp) :: rate, least                          ! 1/tau and its bound: nearly Newton's step [1/s]
     type(equilibrium_report) :: before
     integer :: k
     call equations(run, options, ds, r, report)
-    rate = sqrt(maxval([tiny(1.0_wp), abs(run%sys%ev%a)])/(largest_turn*run%sys%m%s%size))
+    rate = sqrt(max(tiny(1.0_wp), largest_acceleration(run))/(largest_turn*run%sys%m%s%size))
+    least = slowest*rate
     do k = 1, most_contact_steps
+      if (report%residual <= tolerance .and. report%gap <= closed) return
       report%steps = k
       if (caught_signal() > 0) return
       before = report
       start = run%y
+      if (ds%modes_below(-rate**2) > 0) then
+        rate = 3*rate
+        cycle
+      end if
       call ds%set(cmplx(rate, 0.0_wp, wp), 0.0_wp)
       call ds%factor()
       call ds%solve(r)
       dx = real(r(1:ds%n), wp)
+      lambda = run%sys%ev%lambda
+      lambda(ds%active) = lambda(ds%active) + real(r(ds%n + 1:), wp)
       if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run, dx, far_way) <= largest_turn) then
         call move(run, dx)
-        call equations(run, options, ds, r, report)
-        if (report%force <= contact_growth*before%force .and. report%gap <= max(2*before%gap, closed)) then
-          if (report%residual <= tolerance .and. report%gap <= closed) return
-          rate = rate*min(0.5_wp, max(0.1_wp, report%force/before%force))
+        call equations(run, options, ds, r, report, lambda)
+        if (report%force <= contact_growth*before%force .and. report%gap <= max(2*before%gap, largest_turn**2)) then
+          rate = max(least, rate*min(0.5_wp, max(0.1_wp, report%force/before%force)))
           cycle
         end if
       end if
@@ -157,15 +167,17 @@ contains
   end subroutine move
 
   !> Residual, tangent and their measures at the present positions; velocities and internal variables follow.
-  subroutine equations(run, options, ds, r, report, lambda)
+  subroutine equations(run, options, ds, r, report, lambda, both_ways)
     type(run_state), intent(inout) :: run
     type(evaluation_options), intent(in) :: options
     type(stiffness_system), intent(out) :: ds
     complex(wp), allocatable, intent(inout) :: r(:)  !! right-hand side of Newton's step [N, N m], [m]
     type(equilibrium_report), intent(inout) :: report
     real(wp), intent(in), optional :: lambda(:)      !! (rows) multipliers of the equilibrium, as known so far [N, N m]
+    logical, intent(in), optional :: both_ways       !! stops are linearised as though they acted both ways
     type(linear_mechanism) :: lin
     real(wp), allocatable :: reactions(:), steady(:), force(:)
+    integer, allocatable :: state(:)
     integer :: nq
     nq = run%sys%m%s%nq
     call marker_kinematics(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq))
@@ -179,7 +191,10 @@ contains
       end if
       reactions = ev%lambda
       if (present(lambda)) reactions = lambda
+      state = ev%switches%state
+      if (present(both_ways)) ev%switches%state = merge(bilateral, state, both_ways)
       call linear_system_with(m, ev, run%y, steady, reactions, ev%action, ds, lin)   ! the equilibrium's accelerations and reactions
+      ev%switches%state = state
     end associate
     if (allocated(r)) deallocate (r)
     allocate (r(ds%n + ds%rows), source=(0.0_wp, 0.0_wp))

@@ -11,7 +11,7 @@ module prescribed_motion
   use scene_run, only: run_state
   implicit none (type, external)
   private
-  public :: prescribe, motion_units
+  public :: prescribe, motion_units, weigh
 
   real(wp), parameter :: elastic_weight(2) = [1.0e20_wp, 1.0e6_wp]   !! keeps elastic coordinates out of the prescribed motion;
                                                      !! where frames alone cannot follow, they move least [-]
