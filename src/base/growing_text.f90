@@ -23,6 +23,7 @@ contains
     character(*), intent(in) :: piece
     character(:), allocatable :: larger
     integer :: n
+    if (len(piece) == 0) return                   ! there may be no room yet, of which even no character can be set
     n = self%used + len(piece)
     if (n > self%capacity) then
       self%capacity = max(64, 2*n)

@@ -13,6 +13,7 @@ module posix
 
   integer, parameter, public :: standard_input = 0, standard_output = 1, standard_error = 2   !! handles
   integer, parameter, public :: most_children = 1024              !! that run at a time, as in system_calls.c
+  integer, parameter, public :: size_of_folder = -2               !! in place of bytes, as in system_calls.c
   integer, parameter :: of_error = 0, of_host = 1, of_folder = 2  !! what `c_words` tells
 
   interface
@@ -73,7 +74,7 @@ module posix
       import :: c_bool, c_int
       integer(c_int), value :: handle
     end function close_file
-    !> Bytes of a file; -1 where it cannot be read or is no ordinary file.
+    !> Bytes of a file; negative where it cannot be read or is no ordinary file.
     integer(c_long) function file_size(path) bind(c, name='biela_file_size')
       import :: c_char, c_long
       character(*, c_char), intent(in) :: path
@@ -84,7 +85,7 @@ module posix
       character(*, c_char), intent(in) :: path
       integer(c_int), value :: wait
     end function open_to_read
-    !> Bytes of an open file, which is then read from its beginning; -1 where it is no ordinary file.
+    !> Bytes of an open file, which is then read from its beginning; negative where it is no ordinary file.
     integer(c_long) function size_of(handle) bind(c, name='biela_size_of')
       import :: c_int, c_long
       integer(c_int), value :: handle

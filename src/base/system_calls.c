@@ -133,6 +133,7 @@ int biela_open_to_read(text path, int wait)
 long biela_size_of(int handle)
 {
   struct stat file;
+  if (!fstat(handle, &file) && S_ISDIR(file.st_mode)) return -2;
   return fstat(handle, &file) || !S_ISREG(file.st_mode) || lseek(handle, 0, SEEK_SET) < 0 ? -1 : file.st_size;
 }
 

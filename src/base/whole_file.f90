@@ -2,7 +2,7 @@
 module whole_file
   use growing_text, only: text_buffer
   use kinds, only: ip
-  use posix, only: close_file, open_to_read, read_bytes, reason, size_of, standard_input
+  use posix, only: close_file, open_to_read, read_bytes, reason, size_of, size_of_folder, standard_input
   implicit none (type, external)
   private
   public :: read_file
@@ -16,7 +16,8 @@ contains
 
   !> A file with line feeds as its only line ends (CR LF and lone CR become LF), always with one at the end; a byte order mark
   !> is dropped. `problem` is empty if the file could be read. A pipe or a device is refused, not waited for, unless the
-  !> program is handed one as its deck (`-`, `/dev/stdin`, `/dev/fd/63`).
+  !> program is handed one as its deck (`-`, `/dev/stdin`, `/dev/fd/63`). A file without a size is not read: it may be the system's,
+  !> where reading takes away what others would read (/proc/kmsg).
   subroutine read_file(path, content, problem, handed)
     character(*), intent(in) :: path                       !! file name
     character(:), allocatable, intent(out) :: content      !! its text
@@ -40,13 +41,14 @@ contains
     most = longest_stream
     if (.not. stream) most = size_of(handle)
     if (most < 0) problem = 'not an ordinary file'
+    if (most == 0) problem = 'empty, or not an ordinary file'
+    if (most == size_of_folder) problem = 'is a directory'
     do while (len(problem) == 0)
       n = read_bytes(handle, piece)
       if (n < 0) problem = reason()
       if (n <= 0) exit
       call raw%add(piece(:n))
       if (raw%used > min(most, int(longest_file, ip))) problem = 'endless or too long'
-      if (raw%used > most .and. .not. stream) problem = 'not an ordinary file'   ! a device has no size
     end do
     if (handle /= standard_input) closed = close_file(handle)   ! its number would be the next file's
     if (len(problem) > 0) return

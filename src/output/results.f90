@@ -23,11 +23,13 @@ module results
   type :: result_set
     character(5) :: suffix = ''               !! of the names while the run is not finished
     type(result_file), private :: files(4)
+    type(result_file), private :: delivered(4)   !! of an earlier pass, which stay where this one is not delivered
     integer, allocatable, private :: used(:)  !! files that are written: motion and events only where there may be any
     integer(ip) :: events = 0                 !! so far; the file has the first ones
     real(wp), allocatable :: values(:)        !! columns of the sensors [unit of each column]
     logical :: incomplete = .false.           !! an interrupted run's files lack rows that its checkpoint counts on
   contains
+    procedure :: follow
     procedure :: open => open_results
     procedure :: resume => resume_results
     procedure :: write_row
@@ -48,6 +50,15 @@ contains
     character(5) :: suffix
     suffix = unfinished(1 + mod(pass, 2))
   end function pass_suffix
+
+  !> Takes over which files an earlier pass has delivered.
+  subroutine follow(self, before, its)
+    class(result_set), intent(inout) :: self
+    type(result_set), intent(in) :: before    !! the pass before, closed
+    logical, intent(in) :: its                !! they are of the pass before
+    self%delivered = before%delivered
+    if (its) self%delivered = before%files
+  end subroutine follow
 
   !> Opens the files in a folder that exists and writes their headers; without a folder there are no files.
   subroutine open_results(self, folder, deck_name, m, list, with_motion)
@@ -91,9 +102,10 @@ contains
   end function files_of
 
   !> Opens the files of an interrupted run and cuts them to the length at its checkpoint, which `exchange` has restored.
-  subroutine resume_results(self, folder, m, list, with_motion)
+  subroutine resume_results(self, folder, delivered, m, list, with_motion)
     class(result_set), intent(inout) :: self
     character(*), intent(in) :: folder
+    character(*), intent(in) :: delivered     !! suffix of the pass that is delivered
     type(mechanism_model), intent(in) :: m
     type(sensor_list), intent(in) :: list
     logical, intent(in) :: with_motion
@@ -103,22 +115,24 @@ contains
     self%used = files_of(m, with_motion)
     do k = 1, size(self%used)                 ! all of them before any is cut
       associate (i => self%used(k))
-        if (.not. self%files(i)%covers(present_path(i))) self%incomplete = .true.
+        if (.not. self%files(i)%covers(present_path(i, trim(self%suffix)))) self%incomplete = .true.
+        if (.not. self%delivered(i)%covers(present_path(i, delivered))) self%incomplete = .true.
       end associate
     end do
     if (self%incomplete) return
     do k = 1, size(self%used)
       associate (i => self%used(k), path => folder//trim(names(self%used(k)))//trim(self%suffix))
-        if (present_path(i) /= path) named = replace_file(present_path(i), path)
+        if (present_path(i, trim(self%suffix)) /= path) named = replace_file(present_path(i, trim(self%suffix)), path)
         call self%files(i)%resume(path)
       end associate
     end do
   contains
     !> Where a file is: a run that was killed at its end may have given it its own name already.
-    function present_path(i) result(path)
+    function present_path(i, suffix) result(path)
       integer, intent(in) :: i
+      character(*), intent(in) :: suffix
       character(:), allocatable :: path
-      path = folder//trim(names(i))//trim(self%suffix)
+      path = folder//trim(names(i))//suffix
       if (file_size(path) < 0) path = folder//trim(names(i))
     end function present_path
   end subroutine resume_results
@@ -178,6 +192,7 @@ contains
     integer :: k
     do k = 1, size(self%files)
       call self%files(k)%exchange(a)
+      call self%delivered(k)%exchange(a)
     end do
     call a%exchange(self%events)
   end subroutine exchange

@@ -4,8 +4,9 @@ module text_file
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use posix, only: create_file, extend_file, write_bytes, close_file, cut_file, file_size, sync_file
+  use posix, only: create_file, extend_file, write_bytes, close_file, cut_file, open_to_read, read_bytes, sync_file
   use readable_text, only: one_line
+  use text_checksum, only: running_checksum
   implicit none (type, external)
   private
   public :: result_file
@@ -16,7 +17,8 @@ module text_file
   type :: result_file
     integer :: handle = -1                    !! of the open file
     integer :: used = 0                       !! characters waiting in the buffer
-    integer(ip) :: written = 0                !! bytes handed to the system without failure, always whole lines
+    type(running_checksum) :: written         !! of what was handed to the system without failure, always whole lines
+    integer(ip) :: expected(2) = 0            !! length and checksum at the checkpoint of an interrupted run
     logical :: failed = .false.
     character(:), allocatable :: buffer
   contains
@@ -39,20 +41,33 @@ contains
     class(result_file), intent(inout) :: self
     character(*), intent(in) :: path
     self%used = 0
-    self%written = 0
+    self%written = running_checksum()
     if (.not. allocated(self%buffer)) allocate (character(buffer_size) :: self%buffer)
     self%handle = create_file(path)
     self%failed = self%handle < 0
   end subroutine open_file
 
-  !> Whether a file holds at least the bytes that its checkpoint counts on.
+  !> Whether a file begins with the text that its checkpoint counts on, which may be none.
   logical function covers(self, path) result(yes)
-    class(result_file), intent(in) :: self
+    class(result_file), intent(inout) :: self
     character(*), intent(in) :: path
-    yes = file_size(path) >= self%written
+    character(buffer_size) :: piece
+    integer :: handle, n
+    logical :: closed
+    self%written = running_checksum()
+    yes = self%expected(1) == 0
+    if (yes) return
+    handle = open_to_read(path, wait=0)
+    do while (handle >= 0 .and. self%written%length < self%expected(1))
+      n = read_bytes(handle, piece(1:min(int(buffer_size, ip), self%expected(1) - self%written%length)))
+      if (n <= 0) exit
+      call self%written%add(piece(1:n))
+    end do
+    if (handle >= 0) closed = close_file(handle)
+    yes = handle >= 0 .and. all([self%written%length, self%written%value()] == self%expected)
   end function covers
 
-  !> Opens a file of an interrupted run and cuts it to the bytes (`written`) that its checkpoint counts on.
+  !> Opens a file of an interrupted run, which covers what its checkpoint counts on, and cuts it to that.
   subroutine resume(self, path)
     class(result_file), intent(inout) :: self
     character(*), intent(in) :: path
@@ -60,7 +75,7 @@ contains
     if (.not. allocated(self%buffer)) allocate (character(buffer_size) :: self%buffer)
     self%handle = extend_file(path)
     self%failed = self%handle < 0
-    if (.not. self%failed) self%failed = .not. cut_file(self%handle, self%written)
+    if (.not. self%failed) self%failed = .not. cut_file(self%handle, self%written%length)
   end subroutine resume
 
   !> Writes one line of text.
@@ -118,7 +133,7 @@ contains
     class(result_file), intent(inout) :: self
     if (self%used > 0 .and. .not. self%failed .and. self%handle >= 0) then
       self%failed = .not. write_bytes(self%handle, self%buffer(1:self%used))
-      if (.not. self%failed) self%written = self%written + self%used
+      if (.not. self%failed) call self%written%add(self%buffer(1:self%used))
     end if
     self%used = 0
   end subroutine flush_file
@@ -131,11 +146,13 @@ contains
     if (.not. self%failed) self%failed = .not. sync_file(self%handle)
   end subroutine sync
 
-  !> The length of a file that has just been synchronised, for the checkpoint.
+  !> Length and checksum of a file that has just been synchronised, for the checkpoint.
   subroutine exchange(self, a)
     class(result_file), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%written)
+    if (a%saving) self%expected = [self%written%length, self%written%value()]
+    call a%exchange(self%expected(1))
+    call a%exchange(self%expected(2))
   end subroutine exchange
 
   !> Writes the rest of the buffer and closes the file. A row that could not be written completely is cut off.
@@ -144,7 +161,7 @@ contains
     logical :: cut
     if (self%handle < 0) return
     call self%flush()
-    if (self%failed) cut = cut_file(self%handle, self%written)
+    if (self%failed) cut = cut_file(self%handle, self%written%length)
     if (.not. close_file(self%handle)) self%failed = .true.
     self%handle = -1
   end subroutine close_result

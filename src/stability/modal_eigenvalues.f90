@@ -20,15 +20,15 @@ contains
     real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
     real(wp), intent(in) :: small              !! segments below are left out [1/s2]
     complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
-    integer, allocatable :: kept(:)
+    real(wp) :: kept(size(parts))              ! those that are not left out, else 0 [1/s2]
     integer :: r
     logical :: ok
-    kept = pack([(r, r=1, size(segments))], parts > small)
+    kept = merge(parts, 0.0_wp, parts > small)
     ok = .false.
-    if (sum([(size(segments(kept(r))%law%alpha), r=1, size(kept))]) > most_terms) then
-      call mode_pair(segments(kept), k, c, parts(kept), roots, ok)
+    if (sum([(size(segments(r)%law%alpha), r=1, size(kept))], kept > 0.0_wp) > most_terms) then
+      call mode_pair(segments, k, c, kept, roots, ok)
     end if
-    if (.not. ok) call all_roots(segments(kept), k, c, parts(kept), roots)
+    if (.not. ok) call all_roots(segments, k, c, kept, roots)
   end subroutine modal_roots
 
   !> The two roots near those of the instantaneous stiffness, by Newton's method.
@@ -98,7 +98,7 @@ contains
     end do
   end subroutine refine_root
 
-  !> All roots in which the motion takes part, as poles of a system of one motion.
+  !> All roots in which the motion takes part, as poles of a system of one motion. Segments without stiffness have none.
   subroutine all_roots(segments, k, c, parts, roots)
     type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
@@ -107,16 +107,18 @@ contains
     complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     type(reduced_model) :: model
     type(reduced_poles) :: poles
+    integer, allocatable :: kept(:)
     integer :: r
     logical :: ok
+    kept = pack([(r, r=1, size(parts))], parts > 0.0_wp)
     model%p = 1
     model%rigid = [.false.]
     model%k = reshape([k], [1, 1])
     model%g = 0*model%k
     model%c = reshape([c], [1, 1])
-    model%part = reshape(parts, [1, 1, size(parts)])
+    model%part = reshape(parts(kept), [1, 1, size(kept)])
     allocate (model%scale(1))
-    model%law = [(segments(r)%law, r=1, size(parts))]
+    model%law = [(segments(kept(r))%law, r=1, size(kept))]
     call model%find_scale()
     call poles%find(model, [1], .true., ok)
     roots = [poles%lambda, conjg(pack(poles%lambda, poles%lambda%im > 0.0_wp))]

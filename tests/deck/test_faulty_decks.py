@@ -96,14 +96,25 @@ def test_of_many_faults_the_first_are_shown_in_order_and_the_rest_is_counted(bie
 BODY = "&body name='b' mass=1 inertia=1 /\n"
 
 
-@pytest.mark.parametrize("found", ["fifo", "/dev/zero", "/dev/urandom"])
+@pytest.mark.parametrize(
+    ("found", "told"),
+    [
+        ("fifo", "not an ordinary file"),
+        ("/dev/zero", "not an ordinary file"),
+        ("/dev/urandom", "not an ordinary file"),
+        ("nothing", "empty, or not an ordinary file"),
+        (".", "is a directory"),
+    ],
+)
 @pytest.mark.parametrize("deck", ["{}", "&include file='{}' /", "&history name='h' kind='table' file='{}' columns=1,2 /"])
-def test_a_pipe_or_a_device_is_refused_at_once(deck, found, biela, tmp_path):
+def test_a_pipe_a_device_or_a_folder_is_refused_at_once(deck, found, told, biela, tmp_path):
+    """Without a size it may be a file of the system that forgets what was read (/proc/kmsg): it is not read."""
     os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "nothing").touch()
     (tmp_path / "scene.nml").write_text(BODY + deck.format(found))
     done = solve(biela, tmp_path, "--check", found if deck == "{}" else "scene.nml")
     assert done.returncode == 2
-    assert b"cannot be read: not an ordinary file, expected a" in done.stderr
+    assert f"cannot be read: {told}, expected a".encode() in done.stderr
 
 
 @pytest.mark.parametrize("text", [b"root:x:0:0:secret\n", b"secret &1\n& secret\n", b"\0\1secret", b"a = 'secret\n&if x & y /\n"])

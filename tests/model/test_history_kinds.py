@@ -303,7 +303,7 @@ def test_tables_from_files_as_they_come(run_deck, tmp_path, name):
 
 BAD_FILES = {
     "absent": (None, "cannot be read: no such file or directory, expected a table of numbers beside this deck"),
-    "empty": ("", "has no row with numbers in columns 1 and 3, expected rows of numbers"),
+    "empty": ("\n", "has no row with numbers in columns 1 and 3, expected rows of numbers"),
     "narrow": ("0,1\n1,2\n", "has no row with numbers in columns 1 and 3, expected rows of numbers"),
     "words": ("t,x,y\n0,1,2\n1,2,none\n", "line 3 has 'none' in column 3, which is not a number, expected one such as 1.5e-3"),
     "gap": ("0,1,2\n1,2\n", "line 2 has nothing in column 3, expected a number"),

@@ -250,10 +250,38 @@ def test_checkpoints_of_other_decks_are_refused(interrupted):
     assert interrupted.run("--restart")[0] == 0
 
 
-def test_results_that_are_missing_are_noticed(interrupted):
-    history = interrupted.results / "history.txt"
-    history.write_bytes(history.read_bytes()[:100])
-    refused(interrupted, "missing or shorter than its checkpoint says")
+@pytest.mark.parametrize("name", ["history.txt", "energy.txt", "motion.txt"])
+def test_results_that_have_changed_are_noticed(name, interrupted):
+    """Cut off, zeros of the same length, another digit in the first row."""
+    path = interrupted.results / name
+    good = path.read_bytes()
+    first = re.search(rb"^ .*$", good, re.MULTILINE)
+    another = good[: first.end() - 1] + bytes([good[first.end() - 1] ^ 1]) + good[first.end() :]
+    for bad in (good[:100], bytes(len(good)), another):
+        path.write_bytes(bad)
+        refused(interrupted, "missing, cut off or changed since its checkpoint")
+    path.write_bytes(good)
+    assert interrupted.run("--restart")[0] == 0
+
+
+def test_changed_results_of_the_pass_before_are_noticed(place):
+    """They stay the results where no later pass is better."""
+    cut = place("cut", METHODS["passes"])
+
+    def killed():
+        """Return the results of a pass, the next one of which was killed; None where the run was faster."""
+        process = cut.start()
+        wait_for(cut.results / "history.txt", process)
+        process.kill()
+        process.communicate()
+        return cut.results / "history.txt" if process.returncode else None
+
+    history = caught(killed)
+    good = history.read_bytes()
+    history.write_bytes(bytes(len(good)))
+    refused(cut, "missing, cut off or changed since its checkpoint")
+    history.write_bytes(good)
+    assert cut.run("--restart")[0] == 0
 
 
 def test_no_checkpoint_no_restart(place):

@@ -58,6 +58,7 @@ contains
       if (fail%happened()) return
       next%search = march%search
       next%restarts = march%restarts
+      call next%files%follow(march%files, march%search%delivered == march%search%count - 1)
       march = next
       deallocate (run%sys)
       allocate (run%sys, source=start_system)

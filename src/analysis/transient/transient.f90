@@ -151,16 +151,21 @@ contains
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
+    character(:), allocatable :: delivered     ! how the names of files of the pass before end, where they are to be kept
     call march%exchange(run, run%saved)
     if (.not. run%saved%complete()) then
       call fail%raise(status_bad_input, 'the checkpoint in "'//run%folder//'" does not fit this deck; run without --restart')
       return
     end if
     march%restarts = march%restarts + 1
-    call march%files%resume(run%folder, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
+    delivered = ''
+    associate (last => march%search%count - 1)
+      if (last > 0 .and. march%search%delivered == last) delivered = trim(pass_suffix(last))
+    end associate
+    call march%files%resume(run%folder, delivered, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
     if (march%files%incomplete) then
-      call fail%raise(status_bad_input, 'the results in "'//run%folder//'" are missing or shorter than its checkpoint says; '// &
-                      'run without --restart to start at t = 0')
+      call fail%raise(status_bad_input, 'the results in "'//run%folder//'" are missing, cut off or changed since its '// &
+                      'checkpoint; run without --restart to start at t = 0')
     else if (march%files%failed()) then
       call no_output(run, fail)
     end if

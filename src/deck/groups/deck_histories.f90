@@ -100,7 +100,9 @@ contains
       end if
       h%file = beside(h%at%file, file)
       call read_file(h%file, content, problem)
-      if (len(problem) > 0) then
+      if (len(file) == 0) then
+        problem = ' is empty, expected the name of a table of numbers beside this deck'
+      else if (len(problem) > 0) then
         problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
       else
         h%file_digest = digest(text_words(content))

@@ -53,6 +53,7 @@ contains
         if (len(rest) > 0) path = path//'/'
       end if
     end do
+    if (len(path) == 0) path = '.'           ! the current folder
   end function beside
 
   !> Whether the last part of a folder's path can be dropped for `..`.
