@@ -88,7 +88,7 @@ def assign(deck: DeckText, target: Target, value: str) -> DeckText:
 
 def without_unused_sensors(deck: DeckText, scalars: tuple[Scalar, ...]) -> DeckText:
     """Return the deck without motion files, and without sensors that neither a scalar nor the deck itself uses."""
-    if any(scalar.file not in ("history", "energy") for scalar in scalars):
+    if any(scalar.mode or scalar.file not in ("history", "energy") for scalar in scalars):
         return deck
     used = {scalar.column.partition(".")[0].lower() for scalar in scalars if scalar.file == "history"}
     text, needed = deck.text, deck.needed_sensors(used)

@@ -9,13 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
+from .histories import History, read
 from .number_text import WIDTH, numbers
+from .result_files import HistoryError
 
 FILES = {"history": "history.txt", "energy": "energy.txt", "modes": "modes.txt", "static": "static.txt"}
 FILES["frequency_response"] = "frequency_response.txt"
 HEAD = re.compile(rb"(?:#.*\n)*")
 MEASURES = ("peak", "rms", "range", "min", "max", "mean", "final", "value")
 MEASURES += ("decay_rate", "settling_time", "spectral_peak", "mass", "summary")
+OF_MODE = ("frequency", "damping_ratio")
+MEASURES += OF_MODE
 LARGEST = ("peak", "max", "min")  # the measures that are the largest of several extremes
 EXTREMES = 6  # of a column that are listed, the largest first
 ROUNDING = 1.0e-12  # of a number that no step in time has made
@@ -33,9 +37,10 @@ class Scalar:
         name: column of the table
         measure: peak (largest size), rms, range, min, max, mean, final, value (interpolated at `at`), decay_rate (of the peaks'
             envelope [1/s]), settling_time (after which it stays within `band` of its range about its last value [s]), spectral_peak
-            (frequency of the largest amplitude [Hz]), mass (of the body that `column` names, of all bodies without it [kg]), or
-            summary (a figure of summary.json named by `key`). An extreme is that of a polynomial through seven rows where these
-            show a smooth crest, else that of the rows: at corners and jumps nothing exceeds what the run wrote.
+            (frequency of the largest amplitude [Hz]), mass (of the body that `column` names, of all bodies without it [kg]),
+            frequency [Hz] or damping_ratio of the vibration `mode`, or summary (a figure of summary.json named by `key`). An
+            extreme is that of a polynomial through seven rows where these show a smooth crest, else that of the rows: at corners
+            and jumps nothing exceeds what the run wrote.
         column: of the file
         file: history, energy, static, modes or frequency_response
         at: time, load or frequency of `value`
@@ -43,6 +48,8 @@ class Scalar:
         start: rows before this time do not count [s]
         key: of `summary`, parts separated by dots
         stated_unit: of `summary`, whose figures have none
+        mode: number of a vibration, 1 the lowest: among the damped ones where there are such
+        shape: of that vibration in the study's deck, real and imaginary parts of displacements in turn [m]; it is followed
     """
 
     name: str
@@ -54,6 +61,8 @@ class Scalar:
     start: float = -np.inf
     key: str = ""
     stated_unit: str = ""
+    mode: int = 0
+    shape: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():
@@ -64,9 +73,14 @@ class Scalar:
             raise ValueError(f"file = {self.file!r}: one of {', '.join(FILES)} expected")
         if self.measure == "summary" and not (self.key and isinstance(self.key, str)):
             raise ValueError("measure = 'summary' needs key = 'a.figure.of.summary.json'")
+        if self.measure == "summary" and self.key.startswith("modes.poles."):
+            wanted = "measure = 'frequency' or 'damping_ratio' with mode = N expected"
+            raise ValueError(f"key = {self.key!r}: poles have no fixed places; {wanted}")
+        if self.measure in OF_MODE and (type(self.mode) is not int or self.mode < 1):
+            raise ValueError(f"measure = {self.measure!r} needs mode = N, the number of a vibration, 1 or more")
         if self.measure == "mass" and not isinstance(self.column, str):
             raise ValueError(f"column = {self.column!r}: the name of a body expected")
-        if not self.of_summary and not (self.column and isinstance(self.column, str)):
+        if not self.of_summary and not self.mode and not (self.column and isinstance(self.column, str)):
             raise ValueError(f"measure = {self.measure!r} needs a column")
         for word, value in (("at", self.at), ("band", self.band), ("from", self.start)):
             if not isinstance(value, (int, float)):
@@ -86,7 +100,8 @@ class Scalar:
         """Return the unit of the number, from those of its column and of the file's first column."""
         if self.measure == "settling_time":
             return of_axis
-        return {"decay_rate": f"1/{of_axis}", "spectral_peak": "Hz", "summary": ""}.get(self.measure, of_column)
+        named = {"decay_rate": f"1/{of_axis}", "spectral_peak": "Hz", "frequency": "Hz", "damping_ratio": "", "summary": ""}
+        return named.get(self.measure, of_column)
 
     def of(self, axis: np.ndarray, values: np.ndarray) -> float:
         """Return the number of a column; NaN where the column has none.
@@ -268,7 +283,7 @@ def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, e
     """Return the numbers of a run; ValueError where a file or column is missing."""
     wanted: dict[str, set[str]] = {}
     for scalar in scalars:
-        if not scalar.of_summary:
+        if not scalar.of_summary and not scalar.mode:
             wanted.setdefault(scalar.file, set()).add(scalar.column)
     tables = {file: _read_columns(folder / FILES[file], columns) for file, columns in wanted.items()}
     found = Measured([], [], [], [])
@@ -276,6 +291,11 @@ def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, e
         if scalar.of_summary:
             found.values.append(_summary_figure(folder, scalar.path))
             found.units.append("kg" if scalar.measure == "mass" else str(scalar.stated_unit))
+            found.extremes.append([])
+            continue
+        if scalar.mode:
+            found.values.append(_of_mode(folder, scalar))
+            found.units.append(scalar.unit("", ""))
             found.extremes.append([])
             continue
         columns, known, axis, axis_unit = tables[scalar.file]
@@ -287,6 +307,42 @@ def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, e
     if errors:
         found.errors.extend(_errors(folder, scalars, found.values, tables))
     return found
+
+
+def _of_mode(folder: Path, scalar: Scalar) -> float:
+    """Return frequency [Hz] or damping ratio of the vibration whose shape is most like that of the scalar; else of its number.
+
+    Likeness is the modal assurance criterion (Allemang & Brown 1982) of the displacements of frames and nodes.
+    """
+    try:
+        table = read(folder, "modes")
+        rows, shapes = vibrations(table)
+    except HistoryError as fault:
+        raise ValueError(str(fault)) from None
+    if scalar.shape:
+        followed = np.array(scalar.shape[::2]) + 1j * np.array(scalar.shape[1::2])
+        if shapes.shape[1:] != followed.shape:
+            raise ValueError("modes.txt: other bodies or meshes than the study's deck, whose shapes cannot be followed")
+        sizes = np.linalg.norm(shapes, axis=1) * np.linalg.norm(followed)
+        row = rows[int(np.argmax(np.abs(shapes.conj() @ followed) / np.where(sizes > 0.0, sizes, 1.0)))]
+    elif scalar.mode <= len(rows):
+        row = rows[scalar.mode - 1]
+    else:
+        raise ValueError(f"modes.txt has {len(rows)} vibrations, no number {scalar.mode}")
+    return float(table[scalar.measure][row])
+
+
+def vibrations(table: History) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of a modes file that are vibrations, the lowest first, and their displacements, shape (rows, columns).
+
+    They are the damped ones where there are such.
+    """
+    kind = 1 if np.any(table["kind"] == 1) else 0
+    rows = np.flatnonzero((table["kind"] == kind) & (table["frequency"] > 0.0))
+    names = [name[: -len(".re")] for name in table.names if name.endswith(".re") and table.units[name] == "m"]
+    shapes = np.array([table[f"{name}.re"] + 1j * table[f"{name}.im"] for name in names]).T.reshape(len(table.data), -1)
+    rows = rows[np.argsort(table["frequency"][rows], kind="stable")]
+    return rows, shapes[rows]
 
 
 def _errors(folder: Path, scalars: tuple[Scalar, ...], values: list[float], tables: dict) -> list[float]:

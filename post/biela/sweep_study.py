@@ -296,7 +296,7 @@ def _range(name: str, entry: dict, log: bool) -> tuple:
 
 def _scalar(entry: dict) -> Scalar:
     """Return one [[result]]."""
-    _known(entry, ("name", "measure", "column", "file", "at", "band", "from", "key", "unit"), "[[result]]")
+    _known(entry, ("name", "measure", "column", "file", "at", "band", "from", "key", "unit", "mode"), "[[result]]")
     if "unit" in entry and (entry.get("measure") != "summary" or not isinstance(entry["unit"], str)):
         raise StudyError(f"[[result]] {entry.get('name', '')}: unit = '...' belongs to measure = 'summary', others have their own")
     options = {{"from": "start", "unit": "stated_unit"}.get(key, key): value for key, value in entry.items()}

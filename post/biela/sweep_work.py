@@ -10,15 +10,17 @@ import operator
 import re
 import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
-from . import deck_text
+from . import command, deck_text, histories
 from .result_files import HistoryError, remove_noted
 from .sweep_run import Batch, Row, assign, assignments, end_with_parent, literal, run_batch
+from .sweep_scalars import Scalar, vibrations
 from .sweep_study import Study, StudyError, read
 
 FOLDER = Path(__file__).resolve().parents[1]  # of the package
@@ -296,7 +298,30 @@ def prepare(args: argparse.Namespace, design: bool = True) -> tuple[Study, str]:
                 raise StudyError(f"parameter {name}: the deck has no &parameter of that name ({', '.join(known) or 'none'})")
         for target in parameter.targets:
             base = assign(base, target, literal(parameter.values[0]))
+    if any(one.mode for one in study.scalars):
+        study = replace(study, scalars=_with_shapes(study.scalars, base, args.biela))
     return study, deck_text.sources(study.deck)
+
+
+def _with_shapes(scalars: tuple[Scalar, ...], deck: deck_text.DeckText, biela: Path) -> tuple[Scalar, ...]:
+    """Return results with the shapes of their vibrations in the study's deck, which its runs follow; StudyError without modes."""
+    for kind in ("transient", "frequency_response"):
+        for group in deck.all(kind):
+            deck = deck.drop(group, "not needed here")
+    with tempfile.TemporaryDirectory(prefix="biela-") as name:
+        folder = Path(name)
+        (folder / "deck.nml").write_text(deck.text, encoding="utf-8")
+        done = command.call_solver(biela, "--quiet", "--output", folder, folder / "deck.nml")
+        try:
+            _, shapes = vibrations(histories.read(folder, "modes"))
+        except HistoryError:
+            words = (done.stderr.strip().splitlines() or ["it has no &modal"])[0].removeprefix(f"{folder}/")
+            raise StudyError(f"measure = 'frequency' or 'damping_ratio': the deck has no modes to follow: {words}") from None
+    most = max(one.mode for one in scalars)
+    if most > len(shapes):
+        raise StudyError(f"mode = {most}: the deck has {len(shapes)} vibrations")
+    parts = [tuple(float(x) for value in shape for x in (value.real, value.imag)) for shape in shapes]
+    return tuple(replace(one, shape=parts[one.mode - 1]) if one.mode else one for one in scalars)
 
 
 def open_journal(study: Study, folder: Path, tool: str = "sweep") -> Journal:

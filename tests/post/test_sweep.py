@@ -231,6 +231,39 @@ def test_a_force_keeps_the_sensor_that_it_depends_on(study):
     np.testing.assert_allclose([float(row["v[m/s]"]) for row in rows], [-2.0, -3.0], rtol=1.0e-9)
 
 
+OSCILLATORS = """&parameter name='k' value=400 /
+&body name='a' mass=1 inertia=1 /
+&joint name='ga' type='prismatic' body_a='a' direction=0 /
+&spring name='sa' type='linear' body_a='a' point_b=-1,0 stiffness={k} damping=0.4 free_length=1 /
+&body name='b' mass=1 inertia=1 position=0,1 /
+&joint name='gb' type='prismatic' body_a='b' direction=0 point_b=0,1 /
+&spring name='sb' type='linear' body_a='b' point_b=-1,1 stiffness=900 damping=3 free_length=1 /
+&static /
+&modal modes=2 /
+"""
+
+
+def test_a_vibration_is_followed_by_its_shape(study, capsys):
+    """Two masses on springs, k and 900 N/m: the first is the lowest vibration of the deck, and passes the second one at k = 900."""
+    Path("arm.nml").write_text(OSCILLATORS, encoding="utf-8")
+    text = "deck = 'arm.nml'\n[[parameter]]\nname = 'k'\nvalues = [400.0, 800.0, 1600.0, 3200.0]\n"
+    text += "".join(f"[[result]]\nname = '{name}'\nmeasure = '{name}'\nmode = 1\n" for name in ("frequency", "damping_ratio"))
+    status, rows = study(text, "--no-pictures")
+    assert status == 0
+    stiffness = np.array([400.0, 800.0, 1600.0, 3200.0])
+    ratio = 0.2 / np.sqrt(stiffness)
+    np.testing.assert_allclose([float(row["damping_ratio"]) for row in rows], ratio, rtol=1.0e-9)
+    expected = np.sqrt(stiffness * (1.0 - ratio**2)) / (2.0 * np.pi)
+    np.testing.assert_allclose([float(row["frequency[Hz]"]) for row in rows], expected, rtol=1.0e-9)
+    for change, told in (
+        (("mode = 1", "mode = 3"), "mode = 3: the deck has 2 vibrations"),
+        (("'arm.nml'", "'still.nml'"), "the deck has no modes to follow: "),
+    ):
+        Path("still.nml").write_text(OSCILLATORS.replace("&modal modes=2 /\n", ""), encoding="utf-8")
+        assert study(text.replace(*change), "--no-pictures")[0] == 2
+        assert told in capsys.readouterr().err
+
+
 def test_solvers_end_with_a_sweep_that_is_killed(study, biela, tmp_path):
     study(STUDY, "--no-pictures")
     deck = tmp_path / "arm.nml"

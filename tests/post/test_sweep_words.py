@@ -111,6 +111,8 @@ def test_zip_takes_the_values_in_turn(tmp_path):
         ({"file": "motion"}, "file = 'motion': one of history, energy"),
         ({"file": ["history"]}, "file = ['history']: one of history, energy"),
         ({"measure": "summary"}, "measure = 'summary' needs key = 'a.figure.of.summary.json'"),
+        ({"measure": "summary", "key": "modes.poles.0.damping_ratio"}, "measure = 'frequency' or 'damping_ratio' with mode = N"),
+        ({"measure": "frequency"}, "measure = 'frequency' needs mode = N"),
         ({"measure": "summary", "key": 3}, "measure = 'summary' needs key"),
         ({"column": ""}, "measure = 'peak' needs a column"),
         ({"column": 3}, "measure = 'peak' needs a column"),
@@ -164,7 +166,7 @@ def folder(tmp_path):
         ({"measure": "settling_time", "column": "b"}, 1.96, "s"),
         ({"measure": "settling_time", "column": "b", "band": 1.0}, 0.0, "s"),
         ({"measure": "summary", "key": "transient.steps"}, 12.0, ""),
-        ({"measure": "summary", "key": "modes.poles.0.frequency"}, 3.5, ""),
+        ({"measure": "summary", "key": "scene.bodies.0.mass"}, 3.0, ""),
         ({"measure": "mass"}, 5.0, "kg"),
         ({"measure": "mass", "column": "Rod"}, 3.0, "kg"),
     ],
@@ -184,7 +186,8 @@ def test_a_measure_has_its_exact_value_and_unit(folder, words, value, unit):
         ("#\n" + TABLE, {}, "history.txt is not complete"),
         ("##\n" + TABLE, {}, "history.txt is not complete"),
         (None, {"measure": "summary", "key": "transient.none"}, "summary.json has no figure 'transient.none'"),
-        (None, {"measure": "summary", "key": "modes.poles.7.frequency"}, "summary.json has no figure 'modes.poles.7.frequency'"),
+        (None, {"measure": "summary", "key": "scene.bodies.7.mass"}, "summary.json has no figure 'scene.bodies.7.mass'"),
+        (None, {"measure": "frequency", "mode": 1, "column": ""}, "{}/modes.txt: no such file (this run wrote history.txt)"),
         (None, {"measure": "summary", "key": "transient.steps.x"}, "summary.json has no figure 'transient.steps.x'"),
     ],
 )
@@ -193,7 +196,7 @@ def test_results_without_the_number_are_told(folder, change, words, told):
         (folder / "history.txt").write_text(change, encoding="utf-8")
     with pytest.raises(ValueError, match=r"\.txt|\.json") as fault:
         measure(folder, (Scalar(**{"name": "x", "measure": "peak", "column": "a", **words}),))
-    assert str(fault.value) == told
+    assert str(fault.value) == told.format(folder)
 
 
 DECK = """&scene gravity=0.0,-9.81 /
