@@ -1,9 +1,10 @@
-!> How many steps make an interval: one rule for the deck, the integrators and the summary.
+!> Times of steps: how many make an interval, and what of a time is rounding. One rule for the deck, the histories, the integrators
+!> and the summary.
 module step_counts
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: step_count, actual_step
+  public :: step_count, actual_step, rounding_of
 
   real(wp), parameter, public :: most_counted = 1.0e18_wp   !! steps that an integer of 64 bits counts [-]
 
@@ -19,6 +20,13 @@ contains
     slack = 1.0e-9_wp + 2*spacing(to)/(to - from)
     n = max(1_ip, ceiling(ratio*(1.0_wp - slack), ip))
   end function step_count
+
+  !> Rounding error of a time that is a sum of steps: times that differ by no more are one [s].
+  elemental function rounding_of(t) result(slack)
+    real(wp), intent(in) :: t           !! [s]
+    real(wp) :: slack
+    slack = 16*spacing(abs(t))
+  end function rounding_of
 
   !> The fixed step in use: an output interval is an integer number of steps.
   pure real(wp) function actual_step(output_step, step) result(h)   ! [s]

@@ -5,6 +5,7 @@
 module event_location
   use kinds, only: wp
   use ode_system, only: ode
+  use step_counts, only: rounding_of
   use time_stepper, only: stepper, root_values, trouble_events
   implicit none (type, external)
   private
@@ -126,7 +127,7 @@ contains
       if (found) exit
     end do
     if (found) then
-      if (h >= (1 - same_event)*full_step) march%tried = target
+      if (h >= (1 - same_event)*full_step .or. target - march%tried <= rounding_of(target)) march%tried = target
       if (abs(h - left%h) > 0.0_wp) left = right(n)
       call mark_fallen(march, left, k, full_step)
     else if (abs(h - full_step) > 0.0_wp) then    ! no root falls: the full step again

@@ -51,18 +51,19 @@ contains
 
   !> Puts a state onto the manifold and evaluates it there: the derivative dy and all that sensors read. The projection uses the
   !> factors of an evaluation at the state.
-  subroutine evaluate_on_manifold(self, t, y, dy, ok)
+  subroutine evaluate_on_manifold(self, t, y, left_limit, dy, ok)
     class(ode), intent(inout) :: self
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(inout), contiguous :: y(:) !! (n) [unit of each unknown]
+    logical, intent(in) :: left_limit         !! jumps at t do not act yet
     real(wp), intent(out), contiguous :: dy(:)  !! (n) [the same per second]
     logical, intent(out) :: ok                !! the state and its derivative are finite, the projection has succeeded
     ok = .true.
-    call self%derivative(t, y, .false., dy)
+    call self%derivative(t, y, left_limit, dy)
     if (self%has_manifold) then
       call self%project(t, y, ok)
       if (.not. ok) return
-      call self%derivative(t, y, .false., dy)
+      call self%derivative(t, y, left_limit, dy)
     end if
     ok = is_bounded(y) .and. is_bounded(dy)
   end subroutine evaluate_on_manifold

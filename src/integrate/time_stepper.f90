@@ -8,6 +8,7 @@ module time_stepper
   use archive, only: value_archive
   use ode_system, only: ode
   use step_control, only: error_norm
+  use step_counts, only: rounding_of
   use summary_text, only: summary_record
   implicit none (type, external)
   private
@@ -135,7 +136,7 @@ module time_stepper
       class(ode), intent(inout) :: system
       logical, intent(out) :: ok
     end subroutine pass_event
-    !> The state at an output time that the march has reached, with its evaluation; not ok: lost, as `trouble` says.
+    !> The state at an output time that the march has reached, with its evaluation from the left; not ok: lost, as `trouble` says.
     subroutine read_output(self, system, to, y, ok)
       import :: stepper, ode, wp
       class(stepper), intent(inout) :: self
@@ -155,8 +156,9 @@ module time_stepper
 contains
 
   !> Marches towards the output time `to`, at most `most` attempts. Outcome `reached`: y is the state at `to`, on the manifold, and
-  !> the system's last evaluation is of that state. A call that paused is repeated with the same times. Results must not depend on
-  !> where the pauses are, nor on what the system evaluated before the call.
+  !> the system's last evaluation is of that state. At a jump or an event, to rounding, both are those before it. A call that paused
+  !> is repeated with the same times. Results must not depend on where the pauses are, nor on what the system evaluated before the
+  !> call.
   subroutine advance(self, system, from, to, most, y, outcome)
     class(stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
@@ -164,11 +166,13 @@ contains
     integer, intent(in) :: most
     real(wp), intent(inout) :: y(:)           !! (n) state [unit]
     integer, intent(out) :: outcome           !! reached, paused or lost
+    real(wp) :: end                           ! fixed steps end at the very time [s]
     integer :: attempt
     logical :: ok
+    end = to - merge(rounding_of(to), 0.0_wp, self%settings%adaptive)
     attempt = 0
     outcome = paused
-    do while (self%t < to .and. .not. self%output_due)
+    do while (self%t < end .and. .not. self%output_due)
       if (attempt == most) return
       attempt = attempt + 1
       if (.not. system%fault) call self%attempt(system, from, to)
@@ -247,7 +251,7 @@ contains
     integer, intent(inout) :: next            !! first stop after t; on entry one that is not after that
     real(wp), intent(out) :: h, ends          !! step and its end [s]
     logical, intent(out) :: at_stop           !! whether the step ends at that stop
-    do while (stops(next) <= t .and. next < size(stops))
+    do while (stops(next) <= t + rounding_of(t) .and. next < size(stops))
       next = next + 1
     end do
     at_stop = t + 1.01_wp*wanted >= stops(next)

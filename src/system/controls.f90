@@ -46,7 +46,7 @@ contains
           x%output = 0.0_wp
           return
         end if
-        w = c%inputs(ev%p, t, options%left_limit .or. t >= options%t_end, z(first:last))
+        w = c%inputs(ev%p, t, options%left_limit, z(first:last))
         side = c%side(x%state, w)
         ev%zdd(first:last) = matmul(c%rates(:, :, side), w)
         x%output = dot_product(c%output(:, side), w)

@@ -14,7 +14,6 @@ module evaluation_settings
     real(wp) :: prestress = 1.0_wp              !! fraction of the springs' prestress that acts [-]
     integer :: stage = stage_transient          !! the analysis: a stage of `force_element`
     logical :: left_limit = .false.             !! jumps of histories at the time of evaluation do not act yet
-    real(wp) :: t_end = huge(1.0_wp)            !! end of the run: jumps of drives there do not act [s]
     real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]
     logical :: accept_weak_pivots = .false.     !! solves the joints' equations as they are, however nearly singular
   end type evaluation_options

@@ -33,7 +33,7 @@ SMOOTH = ["polynomial", "sine", "still", "ramp", "cycloid"]
 
 
 def law(kind: str, t: np.ndarray) -> np.ndarray:
-    """Return the value of a history and its first two derivatives at times t, shape (3, times)."""
+    """Return the left limits of a history and of its first two derivatives at times t, shape (3, times)."""
     if kind == "polynomial":
         p = np.polynomial.Polynomial([0.2, -0.3, 0.5, 0.9])
         return np.array([p(t), p.deriv()(t), p.deriv(2)(t)])
@@ -52,10 +52,10 @@ def law(kind: str, t: np.ndarray) -> np.ndarray:
         return np.array([low + rise * shape[0], rise * shape[1] / width, rise * shape[2] / width**2])
     if kind == "table":
         spline = CubicSpline(TIME, VALUE)
-        inside = (t >= TIME[0]) & (t < TIME[-1])
-        held = np.where(t < TIME[0], VALUE[0], VALUE[-1])
+        inside = (t > TIME[0] + 1e-9) & (t < TIME[-1] + 1e-9)
+        held = np.where(t < TIME[0] + 1e-9, VALUE[0], VALUE[-1])
         return np.array([np.where(inside, spline(t, k), held if k == 0 else 0.0) for k in range(3)])
-    inside = (t > 0.2495) & (t < 0.6195)  # the pulse: from its start on, up to its end
+    inside = (t > 0.25 + 1e-9) & (t < 0.62 + 1e-9)
     return np.array([np.where(inside, 0.8, 0.0), 0 * t, 0 * t])
 
 

@@ -193,3 +193,66 @@ def test_open_stops_take_no_part_in_a_step(method, run_deck):
     text = f"&transient t_end=0.5 method={method} output_step=0.1 /\n"
     found = [(run_deck(links + extra + text, name=f"n{len(extra)}").folder / "history.txt").read_text() for extra in ("", stops)]
     assert found[0].splitlines()[-5:] == found[1].splitlines()[-5:]
+
+
+JUMPS = """&scene gravity=0,-10 /
+&body name='a' mass=1 inertia=1 /
+&joint name='ga' type='prismatic' body_a='a' friction=0.5 friction_static=0.6 /
+&history name='p' kind='pulse' value=100 start=0.1 finish=0.2 /
+&force name='fa' type='force' body='a' fx=1 history='p' /
+&sensor name='fr' quantity='friction' joint='ga' /
+&body name='b' mass=1 inertia=1 /
+&joint name='gb' type='prismatic' body_a='b' direction={{pi/2}} /
+&stop name='s' type='position' body_a='b' direction={{pi/2}} lower=0 restitution=0 /
+&history name='none' kind='polynomial' coefficients=0 /
+&history name='all' kind='polynomial' coefficients=100 /
+&history name='q' kind='sequence' histories='none','all','none' durations=0.1,0.1,1 /
+&force name='fb' type='force' body='b' fy=1 history='q' /
+&sensor name='s' quantity='stop' stop='s' /
+&body name='c' mass=1 inertia=1 /
+&joint name='gc' type='prismatic' body_a='c' /
+&sensor name='x' quantity='position' body='c' /
+&history name='r' kind='sum' histories='p' factors=0.01 /
+&controller name='c' argument='x.x' history='r' kp=100 kd=1 lower=-2 upper=2 /
+&force name='fc' type='force' body='c' fx=1 controller='c' /
+&sensor name='o' quantity='controller' controller='c' /
+&body name='d' mass=1 inertia=1 /
+&joint name='gd' type='prismatic' body_a='d' /
+&history name='v' kind='table' interpolation='linear' time=0.1,0.2 value=0,1 /
+&drive name='d' type='position' body_a='d' history='v' rate=.true. /
+&sensor name='d' quantity='acceleration' body='d' /
+&sensor name='m' quantity='power' drive='d' /
+&body name='e' mass=1 inertia=1 position=0,0.2 /
+&stop name='e' type='position' body_a='e' body_b='ground' direction={{pi/2}} lower=0 restitution=0.5 /
+&sensor name='e' quantity='stop' stop='e' /
+&sensor name='u' quantity='velocity' body='e' /
+&transient t_end=0.3 output_step=0.05 method={} check_error=.true. /
+"""
+ROWS = {  # at 0.1, 0.2 and 0.25 s
+    "fr.f": [0, -5, -5],
+    "fr.share": [0, 1, 1],
+    "fr.state": [0, 1, 1],
+    "s.f": [10, 0, 0],
+    "s.state": [-1, 0, 0],
+    "o.error": [0, 0.99, -0.0181486],
+    "o.out": [0, 2, -1.934666],
+    "o.limited": [0, 1, 0],
+    "d.x": [0, 10, 0],
+    "m": [0, 10, 0],
+    "e.state": [0, 0, 0],
+    "u.y": [-1, -2, 0.5],
+}
+
+
+@pytest.mark.parametrize(
+    "method", ["'rk4' step=0.01", "'dopri5' tolerance=1e-8", "'radau' tolerance=1e-8", "'generalized_alpha' step=0.001"]
+)
+def test_a_row_at_a_jump_shows_one_side(method, run_deck):
+    """Pulse, sequence, sum, corner of a driven rate at 0.1 and 0.2 s, an impact at 0.2 s: rows are those of before, entirely."""
+    run = run_deck(JUMPS.format(method))
+    for column, values in ROWS.items():
+        np.testing.assert_allclose(run.history[column][[2, 4, 5]], values, rtol=0, atol=2e-5, err_msg=column)
+    assert run.transient["friction"][0]["largest_share"] <= 1.0
+    assert max(run.transient["estimated_errors"].values()) < 1e-4
+    start = run_deck(JUMPS.format(method).replace("start=0.1", "start=0"), name="start")
+    assert [start.history[column][0] for column in ("fr.f", "fr.state", "o.out", "o.limited")] == pytest.approx([-5, 1, 2, 1])

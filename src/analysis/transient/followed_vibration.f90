@@ -85,7 +85,7 @@ contains
     self%t(self%count) = method%t
     self%error(self%count) = 0.0_wp
     call method%limiting_error(self%y, self%unknown, self%error(self%count))
-    call run%sys%evaluate_on_manifold(method%t, self%y, dy, ok)
+    call run%sys%evaluate_on_manifold(method%t, self%y, .true., dy, ok)
     call read_sensors(run%list, run%sys%m, run%sys%ev, self%y, sensors)
     self%values(:, self%count) = compared_row(run, self%y, sensors)
     call self%seen%note(self%values(:, self%count))

@@ -92,7 +92,6 @@ contains
     associate (r => run%d%transient, s => run%sys%m%s)
       run%sys%has_manifold = r%stabilization == 'projection' .and. s%rows > 0
       if (r%stabilization == 'baumgarte') run%sys%options%baumgarte = [r%baumgarte_alpha, r%baumgarte_beta]
-      run%sys%options%t_end = r%t_end - 16*spacing(r%t_end)
       if (.not. r%adaptive) run%monitor%step = actual_step(r%output_step, r%step)
       call run%monitor%begin(run%sys%m, run%sys%ev, run%y(1:s%nq), r%method)
       call make_stepper(r, s, run%monitor%fastest, march%method)

@@ -110,11 +110,11 @@ contains
     if (self%t > to) then
       s = (to - self%dense_start)/self%dense_step
       y = self%dense(:, 1) + s*(self%dense(:, 2) + (1 - s)*(self%dense(:, 3) + s*(self%dense(:, 4) + (1 - s)*self%dense(:, 5))))
-      call system%evaluate_on_manifold(to, y, self%error, ok)
+      call system%evaluate_on_manifold(to, y, .true., self%error, ok)
       if (.not. ok) call self%keep_lost_state(to, y, trouble_manifold)
     else
       y = self%y
-      call system%derivative(to, y, .false., self%error)
+      call system%derivative(to, y, .true., self%error)
     end if
   end subroutine output_state
 

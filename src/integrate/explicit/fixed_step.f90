@@ -95,13 +95,14 @@ contains
     logical, intent(out) :: ok
     y = self%y
     ok = .true.
+    if (.not. self%output_due .and. at_stop(self, self%settings%step)) call system%derivative(to, y, .true., self%trial)
     if (.not. self%output_due) return
     self%tried = to
     call self%try_step(system, to - self%t, ok)
     if (.not. ok) self%trouble = self%cause
     if (.not. ok) return
     y = self%trial
-    call system%derivative(to, y, .false., self%trial)
+    call system%derivative(to, y, .true., self%trial)
   end subroutine output_state
 
   !> Saves or restores the march.

@@ -152,7 +152,7 @@ contains
     class(ode), intent(inout) :: system
     logical, intent(out) :: ok
     call self%pack_state(.false., self%y)
-    call system%evaluate_on_manifold(self%t, self%y, self%trial, ok)
+    call system%evaluate_on_manifold(self%t, self%y, .false., self%trial, ok)
     self%started = .false.
   end subroutine start_again
 
@@ -204,7 +204,7 @@ contains
     call self%pack_state(self%output_due .and. ok, y)
     if (self%t > to) call self%interpolate(to, y)
     ok = ok .and. is_bounded(y)
-    if (ok) call system%evaluate_on_manifold(to, y, self%trial, ok)
+    if (ok) call system%evaluate_on_manifold(to, y, .true., self%trial, ok)
     if (.not. ok) call self%keep_lost_state(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
   end subroutine output_state
 

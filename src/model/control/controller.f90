@@ -10,6 +10,7 @@ module controller
   use marker, only: marker_states
   use quantity, only: quantity_model
   use small_matrices, only: solve_small
+  use step_counts, only: rounding_of
   implicit none (type, external)
   private
   public :: delay_limit
@@ -212,7 +213,7 @@ contains
     if (self%sample > 0.0_wp) then
       g(1) = self%next_sample(state) - t
       rate(1) = -1.0_wp
-      zero(1) = 2*spacing(self%next_sample(state))
+      zero(1) = rounding_of(self%next_sample(state))
       return
     end if
     now = dot_product(self%wish, w)

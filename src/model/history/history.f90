@@ -2,9 +2,10 @@
 !> in closed form, its value and two derivatives, and the times at which it is not smooth.
 module history
   use kinds, only: wp, ip
+  use step_counts, only: rounding_of
   implicit none (type, external)
   private
-  public :: history_model, history_box, breakpoint, drive_values, evaluate_shifted, rounding_of, reached, merged, breakpoint_order
+  public :: history_model, history_box, breakpoint, drive_values, evaluate_shifted, reached, merged, breakpoint_order
 
   real(wp), parameter :: negligible = 1.0e-6_wp   !! a jump smaller than this share of the history's size is rounding [-]
 
@@ -171,13 +172,6 @@ contains
     call self%evaluate(0.0_wp, .false., at_start)
     h = [origin + (now(-1) - at_start(-1)), now(0:1)]
   end subroutine drive_values
-
-  !> Rounding error of a time that is a sum of steps [s].
-  elemental function rounding_of(t) result(slack)
-    real(wp), intent(in) :: t           !! [s]
-    real(wp) :: slack
-    slack = 16*spacing(abs(t))
-  end function rounding_of
 
   !> Whether time t has reached a breakpoint, within the rounding of times that are sums of steps.
   pure logical function reached(t, at, left_limit) result(yes)

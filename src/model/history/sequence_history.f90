@@ -1,7 +1,8 @@
 !> Histories one after another, each in a time of its own that begins when the one before ends.
 module sequence_history
   use kinds, only: wp, ip
-  use history, only: history_model, history_box, breakpoint, breakpoint_order, evaluate_shifted, merged, rounding_of
+  use history, only: history_model, history_box, breakpoint, breakpoint_order, evaluate_shifted, merged
+  use step_counts, only: rounding_of
   implicit none (type, external)
   private
 

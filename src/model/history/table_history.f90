@@ -1,7 +1,8 @@
 !> A table of points with a cubic (or straight) piece between each two of them; constant outside, or periodic.
 module table_history
   use kinds, only: wp, ip
-  use history, only: history_model, breakpoint, breakpoint_order, rounding_of
+  use history, only: history_model, breakpoint, breakpoint_order
+  use step_counts, only: rounding_of
   implicit none (type, external)
   private
 

@@ -22,7 +22,7 @@ contains
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
     integer :: k
-    ev%rows%left_limit = options%left_limit .or. t >= options%t_end   ! jumps at the end of a run do not act
+    ev%rows%left_limit = options%left_limit
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
         if (c%pending) then
