@@ -63,8 +63,11 @@ SYSTEM   := $(patsubst src/%.c,$(B)/%.o,$(shell find src -name '*.c'))
 TWINS    := $(foreach name,small_matrices banded band_lu elastic_block border_rows condensed_system elastic_columns \
               newton_condensation newton_correction,$(filter %/$(name).f90,$(SOURCES)))
 COMPLEX  := $(patsubst %,$(B)/twin/complex_%,$(notdir $(TWINS)))
+# modules from the table of keys
+KEYS     := $(if $(wildcard src/deck/keys.txt),$(addprefix $(B)/deck/,deck_keys.f90 deck_values.f90 deck_take.f90))
+MADE     := $(COMPLEX) $(KEYS)
 MAIN     := $(B)/main.o
-OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o)) $(COMPLEX:.f90=.o) $(SYSTEM)
+OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o)) $(MADE:.f90=.o) $(SYSTEM)
 PICKED    = $(filter-out $(2:%=$(B)/%%),$(filter $(1:%=$(B)/%%),$(MAIN) $(OBJECTS)))
 ONCE_OBJECTS  := $(call PICKED,$(ONCE_PARTS),$(NOT_ONCE))
 OUTER_OBJECTS := $(call PICKED,$(OUTER_PARTS),$(NOT_OUTER))
@@ -89,7 +92,7 @@ endif
 export FC LDLIBS PYTHON
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: all install uninstall debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz faults rounding coverage mutants lint setup clean help FORCE
+.PHONY: all install uninstall debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz faults rounding coverage mutants documents lint setup clean help FORCE
 
 all: $(BIELA)                      ## bin/biela
 install: $(BIELA)                  ## the program, its manual page and completions for bash and zsh, below PREFIX
@@ -156,6 +159,10 @@ coverage: $(BIELA) $(VENV)         ## lines and branches of src/, lines of post/
 mutants: tests/mutants/mutants.py $(BIELA) $(PROBE) $(VENV)   ## MUTANTS=20 small mistakes in src/, SEED=1: which does no test notice?
 	@$(RUN) $<
 
+documents:                         ## the tables of keys in input/README.md, the manual page and the completions
+	@for file in input/README.md share/biela.1 share/biela.bash share/_biela; do \
+	  awk -f src/deck/keys.awk -f share/documents.awk src/deck/keys.txt $$file > $$file.new && mv $$file.new $$file || exit 1; done
+
 lint: $(VENV)                      ## fortitude and ruff
 	@.venv/bin/fortitude check --quiet src tests
 	@.venv/bin/ruff check --quiet src post tests
@@ -187,15 +194,20 @@ $(B)/twin/complex_$(notdir $(1)): $(1) Makefile
 endef
 $(foreach file,$(TWINS),$(eval $(call twin,$(file))))
 
+# --- records, what reads them, and the table as data, from the table of keys
+TABLE    := src/deck/keys.awk src/deck/keys.txt
+$(KEYS): $(B)/deck/%.f90: $(TABLE) src/deck/keys_fortran.awk
+	@mkdir -p $(@D); awk -v make=$* -f src/deck/keys.awk -f src/deck/keys_fortran.awk src/deck/keys.txt > $@.new && mv $@.new $@
+
 # --- objects, the archive of all modules, programs; -J writes the .mod file beside every other one, and leaves one that
 # would not change as it is: what uses a module is compiled again where its interface has changed, not its inside
 $(B)/%.o: src/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(@D) $(B)/mod
 	$(FC) $(FLAGS) $(if $(filter $@,$(OUTER_OBJECTS)),$(FLAGS_outer),$(if $(filter $@,$(ONCE_OBJECTS)),$(FLAGS_once))) \
 	  -J$(B)/mod -c $< -o $@.new && mv $@.new $@
-$(B)/twin/%.o: $(B)/twin/%.f90 $(B)/flags | $(TOOLS)
+$(MADE:.f90=.o): %.o: %.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(B)/mod
-	$(FC) $(FLAGS) -J$(B)/mod -c $< -o $@.new && mv $@.new $@
+	$(FC) $(FLAGS) $(if $(filter $@,$(OUTER_OBJECTS)),$(FLAGS_outer)) -J$(B)/mod -c $< -o $@.new && mv $@.new $@
 $(B)/%.o: src/%.c $(B)/flags | $(TOOLS)
 	@mkdir -p $(@D)
 	$(CC) -std=c11 -Wall -Wextra $(WERROR) $(or $(filter -O% -g -fsanitize%,$(FLAGS_$(BUILD))),-O2) -c $< -o $@.new && mv $@.new $@
@@ -224,8 +236,8 @@ word[1] == "module" && n == 2 { home[word[2]] = object; print "$(B)/mod/" word[2
 END { for (e in edge) { split(e, part, " "); if (part[2] in home && home[part[2]] != part[1]) print part[1] ": $(B)/mod/" part[2] ".mod" } }
 endef
 export DEPENDENCIES
-$(B)/depend.mk: $(SOURCES) $(COMPLEX) $(B)/sources Makefile
-	@awk "$$DEPENDENCIES" $(SOURCES) $(COMPLEX) > $@.new && mv $@.new $@
-ifneq ($(filter-out clean help lint setup uninstall debug sanitize coverage test-debug,$(or $(MAKECMDGOALS),all)),)
+$(B)/depend.mk: $(SOURCES) $(MADE) $(B)/sources Makefile
+	@awk "$$DEPENDENCIES" $(SOURCES) $(MADE) > $@.new && mv $@.new $@
+ifneq ($(filter-out clean documents help lint setup uninstall debug sanitize coverage test-debug,$(or $(MAKECMDGOALS),all)),)
   include $(B)/depend.mk
 endif

@@ -1,13 +1,14 @@
 !> The command line: biela [--check [--json]] [--flat] [--jobs N] [--output DIR] [--restart] [--set NAME=VALUE] [--quiet]
-!> DECK.nml ..., --version, --help; a deck named - is read from standard input.
+!> DECK.nml ..., --version, --help [WORD]; a deck named - is read from standard input.
 module command_line
+  use deck_help, only: help_text, nearest_help
   use deck_paths, only: deck_name
   use errors, only: status_ok, status_failed, status_bad_input, status_no_output
   use posix, only: most_children, write_bytes, standard_output, tell
   use readable_text, only: one_line
   use run_deck, only: print_words, run_options
   use summary, only: version
-  use text, only: nearest_word, to_text
+  use text, only: lower, nearest_word, to_text
   implicit none (type, external)
   private
   public :: command, parse_arguments, print_ending
@@ -67,7 +68,7 @@ contains
         k = k + 1
         call read_jobs(k, asked%jobs, status)
       case ('--help', '-h')
-        call print_help(status)
+        call print_help(argument(k + 1), status)
         return
       case default
         n = n + 1
@@ -111,7 +112,7 @@ contains
     end do
   end subroutine warn_of_one_name
 
-  !> One argument.
+  !> One argument, empty where there is none.
   function argument(k) result(word)
     integer, intent(in) :: k
     character(:), allocatable :: word
@@ -184,10 +185,23 @@ contains
     if (.not. write_bytes(standard_output, one_line(deck)//': '//words//more//new_line('a'))) status = max(status, status_no_output)
   end subroutine print_ending
 
-  !> The help text.
-  subroutine print_help(status)
-    integer, intent(out) :: status
+  !> The help text, or what is known of a group or key of decks.
+  subroutine print_help(word, status)
+    character(*), intent(in) :: word          !! empty or an option: the help text
+    integer, intent(inout) :: status
     character(*), parameter :: lf = new_line('a')
+    character(:), allocatable :: text
+    if (len(word) > 0 .and. index(word, '-') /= 1) then
+      text = help_text(lower(word))
+      if (len(text) > 0) then
+        call print_words('biela', text, status)
+      else
+        text = nearest_help(lower(word))
+        if (len(text) > 0) text = ', did you mean '//text//'?'
+        call complain('no group or key of decks is called '//one_line(word)//text, status)
+      end if
+      return
+    end if
     call print_words('biela', 'biela: planar flexible mechanisms with viscoelastic damping'//lf//lf// &
       '  biela DECK.nml ...             run every analysis of each deck, results in results/<deck name>/; - is standard'//lf// &
       '                                 input, with results in results/stdin/'//lf// &
@@ -199,6 +213,7 @@ contains
       '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint'//lf// &
       '  biela --jobs N DECK.nml ...    N decks at a time, one line a deck; short -j'//lf// &
       '  biela --quiet ...              no progress, warnings and errors only'//lf// &
+      '  biela --help WORD              a group of decks with its keys, or a key: unit, range, default, meaning'//lf// &
       '  biela --version | --help (-h)'//lf//lf// &
       'Exit status: 0 done; 1 an analysis failed, results up to the last good time are on disk; 2 the command line or'//lf// &
       'a deck is wrong, nothing was written; 3 results, or lines that were asked for on standard output, could not be'//lf// &

@@ -3,11 +3,9 @@ module deck_controllers
   use kinds, only: wp
   use text, only: to_text
   use deck_columns, only: find_column
-  use deck_get, only: get
-  use deck_input, only: deck_source, required
-  use deck_kinds, only: in_history
+  use deck_input, only: deck_source
   use deck_records, only: controller_record, deck_record => deck
-  use deck_words, only: get_column, get_name, get_reference
+  use deck_take, only: take
   implicit none (type, external)
   private
   public :: read_controller, check_controllers
@@ -18,19 +16,8 @@ contains
   subroutine read_controller(deck, r)
     class(deck_source), intent(inout) :: deck
     type(controller_record), intent(inout) :: r
-    call get_name(deck, r)
-    call get_column(deck, 'argument', r%argument%sensor, r%argument%suffix, required)
-    call get_reference(deck, 'history', in_history, r%history, required)
-    call get(deck, 'kp', r%kp)
-    call get(deck, 'ki', r%ki)
-    call get(deck, 'kd', r%kd)
-    call get(deck, 'filter', r%filter, least=0.0_wp)
-    call get(deck, 'lower', r%lower)
-    call get(deck, 'upper', r%upper)
-    call get(deck, 'windup_time', r%windup_time, above=0.0_wp)
-    call get(deck, 'sample', r%sample, above=0.0_wp)
-    call get(deck, 'delay', r%delay, above=0.0_wp)
-    if (.not. (deck%is_given('kp') .or. deck%is_given('ki') .or. deck%is_given('kd'))) call deck%note_missing('kp', &
+    call take(deck, r)
+    if (.not. (deck%is_given('kp') .or. deck%is_given('ki') .or. deck%is_given('kd'))) call deck%need('kp', &
       'kp, ki or kd, or several of them')
     call deck%check_order('lower', r%lower, 'upper', r%upper)
     if (deck%is_set('windup_time')) then

@@ -122,9 +122,8 @@ contains
       before = deck%faults%count
       if (deck%is_given('reference')) call deck%complain('reference', 'reference and reference_node, reference_dof are '// &
         'both given, expected one or the other')
-      if (.not. deck%is_given('reference_node')) call deck%note_missing('reference_node', 'as many nodes as reference_dof '// &
-        'has values')
-      if (.not. deck%is_given('reference_dof')) call deck%note_missing('reference_dof', '''u'', ''v'' or ''r'' for every '// &
+      call deck%need('reference_node', 'as many nodes as reference_dof has values')
+      call deck%need('reference_dof', '''u'', ''v'' or ''r'' for every '// &
         'reference_node')
       call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
       if (b%auto_elements .and. any(abs(b%reference_node) /= 1)) then

@@ -5,13 +5,12 @@ module deck_histories
   use readable_text, only: printable
   use whole_file, only: read_file
   use text, only: to_text, quoted
-  use deck_input, only: deck_source, required
-  use deck_get, only: get, get_list, same_length
-  use deck_words, only: get_name, get_choice, get_word, get_references
-  use deck_kinds, only: in_history
+  use deck_input, only: deck_source
+  use deck_get, only: same_length
   use deck_paths, only: beside
   use deck_records, only: history_record
   use deck_tables, only: read_columns
+  use deck_take, only: take
   implicit none (type, external)
   private
   public :: read_history, check_histories, table_files
@@ -27,77 +26,39 @@ contains
   subroutine read_history(deck, h)
     class(deck_source), intent(inout) :: deck
     type(history_record), intent(inout) :: h
-    real(wp) :: time_scale, value_scale, time_shift     ! of a table [-], [-], [s]
-    call get_name(deck, h)
-    h%kind = 'polynomial'
-    call get_choice(deck, 'kind', h%kind, [character(10) :: 'polynomial', 'sine', 'ramp', 'cycloid', 'table', 'pulse', &
-                                           'sum', 'sequence'])
-    call get_list(deck, 'coefficients', h%coefficients, required, kinds='polynomial')
-    call get(deck, 'offset', h%offset, kinds='sine')
-    call get(deck, 'amplitude', h%amplitude, required, kinds='sine')
-    call get(deck, 'frequency', h%frequency, required, least=0.0_wp, kinds='sine')
-    call get(deck, 'phase', h%phase, kinds='sine')
-    call get(deck, 'start_value', h%start_value, required, kinds='ramp cycloid')
-    call get(deck, 'end_value', h%end_value, required, kinds='ramp cycloid')
-    call get(deck, 'start', h%start, required, kinds='ramp cycloid pulse')
-    call get(deck, 'finish', h%finish, required, kinds='ramp cycloid pulse')
-    call read_table()
-    if (deck%choice_known .and. .not. deck%is_choice('table')) then
-      call get(deck, 'value', h%value, required, kinds='pulse')
-    end if
+    call take(deck, h)
     call deck%check_order('start', h%start, 'finish', h%finish)
-    call get_references(deck, 'histories', in_history, h%parts, deck%is_choice('sum sequence'), kinds='sum sequence')
-    call get_list(deck, 'factors', h%factors, kinds='sum')
-    call get_list(deck, 'durations', h%durations, required, above=0.0_wp, kinds='sequence')
-    call get(deck, 'start', h%start, kinds='sequence')
-    call get(deck, 'periodic', h%periodic, kinds='table sequence')
+    if (deck%is_choice('table')) call check_table()
     call same_length(deck, 'histories', size(h%parts), 'factors', size(h%factors))
     call same_length(deck, 'histories', size(h%parts), 'durations', size(h%durations))
     if (.not. deck%is_given('factors')) h%factors = spread(1.0_wp, 1, size(h%parts))
     call check_ends()
   contains
-    !> A table: its points, from the deck or a file, and the curve through them.
-    subroutine read_table()
-      character(:), allocatable :: file
-      integer, allocatable :: columns(:)
-      logical :: here
-      allocate (character(0) :: file)
-      time_scale = 1.0_wp
-      value_scale = 1.0_wp
-      time_shift = 0.0_wp
-      call get(deck, 'time_scale', time_scale, above=0.0_wp, kinds='table')
-      call get(deck, 'value_scale', value_scale, kinds='table')
-      call get(deck, 'time_shift', time_shift, kinds='table')
-      call get(deck, 'file', file, kinds='table')
-      call get_list(deck, 'columns', columns, kinds='table')
-      here = .not. deck%is_given('file')
-      call get_list(deck, 'time', h%time, here, kinds='table')
-      call get_list(deck, 'value', h%values, here, kinds='table')
-      call get_word(deck, 'interpolation', h%interpolation, [character(6) :: 'spline', 'pchip', 'linear'], kinds='table')
-      call get_word(deck, 'ends', h%ends, [character(10) :: 'not-a-knot', 'rest', 'natural'], kinds='table')
-      if (.not. deck%is_choice('table')) return
-      if (here) then
+    !> A table: its points, from the deck or a file.
+    subroutine check_table()
+      if (.not. deck%is_given('file')) then
+        call deck%need('time')
+        call deck%need('value')
         call same_length(deck, 'time', size(h%time), 'value', size(h%values))
         if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
         if (deck%is_set('time')) call take_points('time', 'time')
       else if (deck%is_given('time') .or. deck%is_given('value')) then
         call deck%complain('file', 'file and time, value are both given, expected either a file or time and value')
       else
-        if (.not. deck%is_given('columns')) columns = [1, 2]
-        if (deck%is_set('file')) call read_table_file(file, columns)
+        if (.not. deck%is_given('columns')) h%columns = [1, 2]
+        if (deck%is_set('file')) call read_table_file()
       end if
-    end subroutine read_table
+    end subroutine check_table
 
     !> Points of a table from a file, its path relative to the deck's file.
-    subroutine read_table_file(file, columns)
-      character(*), intent(in) :: file       !! as the deck names it
-      integer, intent(in) :: columns(:)      !! of time and value
-      character(:), allocatable :: content, problem
-      if (size(columns) /= 2 .or. any(columns < 1)) then
+    subroutine read_table_file()
+      character(:), allocatable :: file, content, problem
+      if (size(h%columns) /= 2 .or. any(h%columns < 1)) then
         if (deck%is_set('columns')) call deck%complain('columns', 'columns are not two numbers of columns, expected '// &
           'columns=1,2 (time, value)')
         return
       end if
+      file = h%file                          ! as the deck names it
       h%file = beside(h%at%file, file)
       call read_file(h%file, content, problem)
       if (len(file) == 0) then
@@ -106,13 +67,13 @@ contains
         problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
       else
         h%file_digest = digest(text_words(content))
-        call read_columns(content, columns, h%time, h%values, problem)
+        call read_columns(content, h%columns, h%time, h%values, problem)
         if (len(problem) > 0) problem = ' '//problem
       end if
       if (len(problem) > 0) then
         call deck%complain('file', 'file='//quoted(printable(file, 80))//problem)
       else
-        call take_points('file', 'time (column '//to_text(columns(1))//')')
+        call take_points('file', 'time (column '//to_text(h%columns(1))//')')
       end if
     end subroutine read_table_file
 
@@ -121,8 +82,8 @@ contains
       character(*), intent(in) :: name       !! variable that is to blame
       character(*), intent(in) :: what       !! the times, in words
       integer :: k
-      h%time = time_scale*h%time + time_shift
-      h%values = value_scale*h%values
+      h%time = h%time_scale*h%time + h%time_shift
+      h%values = h%value_scale*h%values
       if (any(abs(h%time) > largest) .or. any(abs(h%values) > largest)) call deck%complain(name, 'scaled times or values are '// &
         'beyond '//to_text(largest)//', expected time_scale, time_shift and value_scale that keep them below')
       if (size(h%time) < 2) call deck%complain(name, what//' has 1 value, expected at least 2')

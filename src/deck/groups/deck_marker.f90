@@ -3,46 +3,30 @@ module deck_marker
   use kinds, only: wp
   use text, only: to_text, quoted
   use deck_input, only: deck_source
-  use deck_get, only: get, get_pair
-  use deck_words, only: get_reference
-  use deck_kinds, only: in_body
   use deck_records, only: body_record, deck_record => deck, marker_record
   implicit none (type, external)
   private
-  public :: read_marker, forbid_ground, forbid_rigid_pair, body_text
+  public :: check_marker, forbid_ground, forbid_rigid_pair, body_text
 
 contains
 
-  !> Reads a body and a marker on it from the variables body, node and point with a suffix. Kinds are values of the
-  !> group's selecting variable; an absent list of kinds means that all do.
-  subroutine read_marker(deck, d, suffix, marker, need, body_kinds, node_kinds, point_kinds, frame_kinds)
+  !> Checks where on its body a marker is, and finds its node.
+  subroutine check_marker(deck, d, suffix, marker, frames)
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d                   !! its bodies are read
     character(*), intent(in) :: suffix                   !! '', '_a', '_b' or '_c'
-    type(marker_record), intent(inout) :: marker         !! default: the origin of the ground
-    logical, intent(in) :: need                          !! whether the body is required
-    character(*), intent(in), optional :: body_kinds     !! kinds that name a body
-    character(*), intent(in), optional :: node_kinds     !! kinds that may name a node of it
-    character(*), intent(in), optional :: point_kinds    !! kinds that may name a point of it; '': none, ever
-    character(*), intent(in), optional :: frame_kinds    !! kinds for which no node means the body's frame
-    real(wp) :: share                                    ! of the length [-]
+    type(marker_record), intent(inout) :: marker         !! as the deck gives it
+    character(*), intent(in), optional :: frames         !! kinds for which no node means the body's frame
     integer :: node
-    logical :: known, frame, wants_node, points
-    node = 0
-    share = -1.0_wp
-    call get_reference(deck, 'body'//suffix, in_body, marker%body, need, body_kinds)
-    call get(deck, 'node'//suffix, node, kinds=node_kinds)
-    call get(deck, 'at'//suffix, share, least=0.0_wp, most=1.0_wp, kinds=node_kinds)
-    points = .true.
-    if (present(point_kinds)) points = len(point_kinds) > 0
-    if (points) call get_pair(deck, 'point'//suffix, marker%point, kinds=point_kinds)
-    known = deck%is_set('body'//suffix) .or. .not. (need .or. deck%is_given('body'//suffix))
-    if (.not. (known .and. deck%choice_known)) return
-    wants_node = .true.
-    if (present(node_kinds)) wants_node = deck%is_choice(node_kinds)
-    if (.not. wants_node) return
+    logical :: frame
+    node = marker%node
+    marker%node = 0
+    if (.not. deck%is_set('body'//suffix)) then
+      if (suffix == '' .or. suffix == '_a' .or. deck%is_given('body'//suffix)) return     ! reported as missing, or faulty
+    end if
+    if (.not. deck%choice_known .or. .not. deck%applies(deck%row_of('node'//suffix))) return
     frame = .false.
-    if (present(frame_kinds)) frame = deck%is_choice(frame_kinds)
+    if (present(frames)) frame = deck%is_choice(frames)
     if (marker%body == 0) then
       call check_point()
     else if (deck%body_known(marker%body)) then
@@ -89,7 +73,7 @@ contains
           if (node > b%nodes .or. node < -1 .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, &
             'node'//suffix//'='//to_text(node)//' is out of range for '//body_text(d, marker%body)//', expected '//expected)
         else if (.not. (frame .or. deck%is_given('node'//suffix) .or. deck%is_given('point'//suffix))) then
-          call deck%note_missing('node'//suffix, 'a node of '//body_text(d, marker%body)//', '//expected)
+          call deck%need('node'//suffix, 'a node of '//body_text(d, marker%body)//', '//expected)
         end if
       end associate
     end subroutine check_node
@@ -98,6 +82,9 @@ contains
     subroutine check_share(b)
       type(body_record), intent(in) :: b
       real(wp) :: whole                      ! elements up to there [-]
+      real(wp) :: share                      ! of the length [-]
+      share = marker%share
+      marker%share = -1.0_wp
       if (deck%is_given('node'//suffix)) then
         call deck%complain('at'//suffix, 'node'//suffix//' and at'//suffix//' are both given, expected one of them')
       else if (b%kind /= 'beam') then
@@ -115,7 +102,7 @@ contains
           ', expected a multiple of 1/'//to_text(b%elements)//', or elements=''auto''')
       end if
     end subroutine check_share
-  end subroutine read_marker
+  end subroutine check_marker
 
   !> A body in words: `beam 'rod'`, `the ground`.
   function body_text(d, body) result(t)

@@ -5,9 +5,9 @@ module deck_reader
   use growing_text, only: text_buffer
   use text, only: nearest_word, joined, quoted, exact_text
   use errors, only: fault_list
-  use deck_kinds, only: group_kinds, group_names, group_number, is_single, is_named, in_parameter, in_scene, in_material, &
-    in_section, in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_controller, &
-    in_static, in_modal, in_response
+  use deck_keys, only: group_kinds, group_names, is_single, is_named, in_parameter, in_scene, in_material, in_section, &
+    in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_controller, in_static, &
+    in_modal, in_response
   use deck_input, only: deck_source
   use deck_files, only: read_source
   use deck_names, only: doubtful
@@ -17,14 +17,15 @@ module deck_reader
   use sorting, only: sort_by_number
   use deck_flat, only: flat_text
   use deck_parameters, only: compute_values, parameter_value
-  use deck_properties, only: read_parameter, read_scene, read_material, read_section
+  use deck_properties, only: read_parameter, read_material, read_section
   use deck_histories, only: read_history, check_histories, table_files
   use deck_bodies, only: read_body
   use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
   use deck_columns, only: find_column
   use deck_controllers, only: read_controller, check_controllers
   use deck_sensors, only: read_sensor
-  use deck_analyses, only: read_static, read_modal, read_response, read_transient
+  use deck_take, only: take
+  use deck_transient, only: read_transient
   implicit none (type, external)
   private
   public :: read_deck
@@ -87,7 +88,7 @@ contains
       do k = 1, size(list)
         associate (g => list(k))
           call source%open(g)
-          kinds(k) = group_number(source%group_word(g))
+          kinds(k) = source%parts%groups(g)%kind
           if (kinds(k) == 0) then
             call unknown_group(g)
             cycle
@@ -192,7 +193,7 @@ contains
       case (in_parameter)
         call read_parameter(source, d%parameters(number), p(number))
       case (in_scene)
-        call read_scene(source, d%scene)
+        call take(source, d%scene)
       case (in_material)
         call read_material(source, d%materials(number))
       case (in_section)
@@ -218,11 +219,12 @@ contains
       case (in_controller)
         call read_controller(source, d%controllers(number))
       case (in_static)
-        call read_static(source, d%static)
+        call take(source, d%static)
       case (in_modal)
-        call read_modal(source, d%modal)
+        call take(source, d%modal)
       case (in_response)
-        call read_response(source, d%response)
+        call take(source, d%response)
+        call source%check_order('from', d%response%from, 'to', d%response%to)
       case default
         call read_transient(source, d%transient)
       end select

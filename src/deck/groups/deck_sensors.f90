@@ -2,18 +2,15 @@
 module deck_sensors
   use kinds, only: wp
   use text, only: listed, lower, to_text
-  use deck_input, only: deck_source, required
-  use deck_get, only: get
-  use deck_words, only: get_name, get_choice, get_reference
-  use deck_kinds, only: in_joint, in_drive, in_force, in_spring, in_stop, in_controller
+  use deck_input, only: deck_source
   use deck_geometry, only: removed_coordinates
-  use deck_marker, only: read_marker, forbid_ground, body_text
+  use deck_marker, only: check_marker, forbid_ground, body_text
   use deck_records, only: deck_record => deck, body_record, sensor_record
+  use deck_take, only: take
   implicit none (type, external)
   private
   public :: read_sensor
 
-  character(*), parameter :: points = 'position velocity acceleration distance'
   character(*), parameter :: angles = 'angle angular_velocity angular_acceleration'
   character(*), parameter :: elastic = 'deflection coordinate internal stress'
   character(12), parameter :: columns(4) = [character(12) :: 't', 'load', 'residual', 'newton_steps']   ! of no sensor
@@ -25,26 +22,11 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d            !! its bodies are read
     type(sensor_record), intent(inout) :: s
-    call get_name(deck, s)
-    call get_choice(deck, 'quantity', s%quantity, [character(20) :: 'position', 'velocity', 'acceleration', 'angle', &
-      'angular_velocity', 'angular_acceleration', 'deflection', 'coordinate', 'reaction', 'internal', 'spring', 'stop', &
-      'distance', 'power', 'work', 'energy', 'stress', 'friction', 'controller'], required)
-    call read_marker(deck, d, '', s%marker, required, body_kinds=points//' '//angles//' '//elastic//' energy', &
-      node_kinds=points//' '//angles//' deflection', point_kinds=points, frame_kinds=angles)
+    call take(deck, s)
+    call check_marker(deck, d, '', s%marker, frames=angles)
     call forbid_ground(deck, 'body', s%marker%body, 'does not move')
-    call read_marker(deck, d, '_b', s%other, .not. required, body_kinds=points//' '//angles, node_kinds=points//' '//angles, &
-      point_kinds=points, frame_kinds=angles)
+    call check_marker(deck, d, '_b', s%other, frames=angles)
     s%relative = deck%is_choice('distance') .or. deck%is_set('body_b')
-    call get_reference(deck, 'joint', in_joint, s%joint, deck%is_choice('friction'), kinds='reaction friction power work')
-    call get_reference(deck, 'drive', in_drive, s%drive, kinds='reaction power work')
-    call get_reference(deck, 'force', in_force, s%force, kinds='power work')
-    call get_reference(deck, 'spring', in_spring, s%spring, deck%is_choice('spring'), kinds='spring power work')
-    call get_reference(deck, 'stop', in_stop, s%stop, required, kinds='stop')
-    call get_reference(deck, 'controller', in_controller, s%controller, required, kinds='controller')
-    call get(deck, 'element', s%element, required, least=1.0_wp, kinds='internal')
-    call get(deck, 'index', s%index, required, least=1.0_wp, kinds='coordinate')
-    call get(deck, 'accuracy', s%accuracy, above=0.0_wp, below=1.0_wp)
-    call get(deck, 'floor', s%floor, least=0.0_wp)
     if (deck%is_choice(angles//' distance power work') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
     call need_one('reaction', ['joint', 'drive'])
@@ -60,7 +42,7 @@ contains
       integer :: k
       if (.not. deck%is_choice(kinds)) return
       given = [(deck%is_given(trim(names(k))), k=1, size(names))]
-      if (.not. any(given)) call deck%note_missing(trim(names(1)), listed(names, 'or'), kinds)
+      if (.not. any(given)) call deck%need(trim(names(1)), listed(names, 'or')//deck%for_choice())
       if (count(given) < 2) return
       k = findloc(given, .true., 1, back=.true.)
       call deck%complain(trim(names(k)), listed(pack(names, given), 'and')//' are given, expected one of them')

@@ -3,9 +3,9 @@ module deck_files
   use whole_file, only: read_file
   use readable_text, only: printable
   use text, only: nearest_word, quoted, to_text
-  use deck_input, only: deck_source, required
+  use deck_input, only: deck_source
   use deck_get, only: get
-  use deck_kinds, only: group_names, group_number, in_include
+  use deck_keys, only: group_names, in_include
   use deck_lexer, only: split_groups
   use expression, only: is_name
   use deck_paths, only: beside
@@ -45,7 +45,7 @@ contains
       return
     end if
     do k = next, last
-      if (group_number(deck%group_word(k)) /= in_include) cycle
+      if (deck%parts%groups(k)%kind /= in_include) cycle
       list = [list, (j, j=next, k - 1)]
       next = k + 1
       call follow(deck, k, file, list)
@@ -77,11 +77,11 @@ contains
     allocate (character(0) :: prefix)
     if (deck%parts%groups(number)%readable) then
       call deck%open(number)
-      call get(deck, 'file', name, required)
+      call get(deck, deck%row_of('file'), name)
       if (deck%is_set('file') .and. len(name) == 0) call deck%complain('file', 'file='''' is empty, expected the '// &
         'name of a deck file')
-      call get(deck, 'prefix', prefix)
-      call deck%look_up('set', expected='', assignment=settings)      ! read with the parameters
+      call get(deck, deck%row_of('prefix'), prefix)
+      call deck%look_up(deck%row_of('set'), settings)      ! read with the parameters
       if (len(prefix) > 0 .and. .not. is_name(prefix)) then
         call deck%complain('prefix', 'prefix='//quoted(printable(prefix, 40))//' cannot begin the names of parameters, '// &
           'expected a letter, then letters, digits and _')

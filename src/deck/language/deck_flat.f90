@@ -5,7 +5,7 @@ module deck_flat
   use kinds, only: wp
   use readable_text, only: lf
   use text, only: exact_text, to_text
-  use deck_kinds, only: group_number, in_parameter
+  use deck_keys, only: in_parameter
   use deck_paths, only: beside
   use deck_syntax, only: syntax, expression_value
   use posix, only: current_folder
@@ -39,7 +39,7 @@ contains
               call flat%add(s%text(last + 1:group%first - 2)//'! '//parts%sources(group%included)%path//lf)
               call add_file(group%included)
               last = group%slash
-            else if (group_number(s%text(group%first:group%last)) == in_parameter) then
+            else if (group%kind == in_parameter) then
               parameters = parameters + 1
               call flat%add(s%text(last + 1:group%first - 2)//'&parameter name='''//trim(names(parameters))//''' value='// &
                 number_text(values(parameters))//' /')

@@ -1,34 +1,41 @@
-!> The group of a deck that is being read: which variables it gives, which of them were asked for, and every fault.
-!> A reader declares a variable by asking for it (modules deck_get, deck_words). A variable that no reader asked for
-!> is unknown; one that is asked for under another kind does not apply. Faults of one cause are reported once.
+!> The group of a deck that is being read: which keys it gives, what became of them, and every fault. A key that its group does not
+!> have is unknown; one that stands in the table for other kinds alone does not apply. Faults of one cause are reported once.
 module deck_input
   use kinds, only: wp
   use readable_text, only: printable
-  use text, only: lower, to_text, nearest_word, quoted
-  use deck_kinds, only: group_kinds
-  use deck_names, only: name_table, not_there
+  use text, only: joined, lower, meant_word, nearest_word, quoted, to_text
   use deck_cursor, only: group_cursor
-  use deck_known, only: variable_list
-  use deck_syntax, only: longest, bad_value, unknown, elsewhere, taken, usable
+  use deck_key, only: expectation, kinds_text, longest_word, word_number
+  use deck_keys, only: first_key, group_kinds, keys, last_key
+  use deck_names, only: name_table, not_there
+  use deck_syntax, only: bad_value, taken, unknown, usable
   implicit none (type, external)
   private
 
-  logical, parameter, public :: required = .true.   !! for the argument `need` of the readers
+  !> What is expected of a key that is required and not given.
+  type :: note
+    character(:), allocatable :: expected
+  end type note
 
-  !> A deck with its tables of names; of the open group: which variables were asked for and what became of them.
+  !> A deck with its tables of names; of the open group: what decides which keys apply, and which ones are missing.
   type, extends(group_cursor), public :: deck_source
     type(name_table) :: names(group_kinds)
     logical, allocatable :: body_known(:)      !! bodies whose kind and nodes are known
+    logical :: choice_known = .true.           !! it is known what applies; otherwise everything does, and nothing is missing
+    logical :: any_choice = .false.            !! it is not to be known
+    integer, private :: kind = 0               ! of the open group
     integer, private :: faults_before = 0      ! faults when it was opened
-    type(variable_list), private :: known               ! variables asked for
-    character(longest), private :: selector = ''        ! the variable that decides what applies
-    character(longest), private :: choice = ''          ! its value
-    logical :: choice_known = .true.           !! it is known what applies
+    integer, private :: selector = 0           ! row of the key that decides what applies
+    integer, private :: choice = 0             ! which of its words is given, 0: none
+    character(longest_word), private :: choice_word = ''   ! that word
+    type(note), private :: missing(size(keys))
   contains
     procedure :: find => find_name
     procedure :: nearest => nearest_name
     procedure :: open => open_group
     procedure :: close => close_group
+    procedure :: row_of
+    procedure :: applies
     procedure :: look_up
     procedure :: mark_good
     procedure :: mark_faulty
@@ -39,7 +46,8 @@ module deck_input
     procedure :: is_known
     procedure :: is_clean
     procedure :: complain
-    procedure :: note_missing
+    procedure :: need
+    procedure :: for_choice
     procedure :: forbid_both
     procedure :: check_order
   end type deck_source
@@ -93,125 +101,124 @@ contains
       self%line = g%line
       self%head = g%first_assignment - 1
       self%count = g%assignments
+      self%kind = g%kind
     end associate
-    self%known%count = 0
-    self%selector = ''
-    self%choice = ''
+    self%selector = 0
+    self%choice = 0
+    self%choice_word = ''
     self%choice_known = .true.
+    self%any_choice = .false.
     self%faults_before = self%faults%count
   end subroutine open_group
 
-  !> Closes the group: reports unknown variables, those that do not apply, and those that are missing.
+  !> Closes the group: reports keys that it does not have, those that do not apply, and those that are missing.
   subroutine close_group(self)
     class(deck_source), intent(inout) :: self
     integer :: k
     do k = 1, self%count
-      associate (state => self%parts%assignments(self%head + k)%state)
-        if (state == unknown) call report_unknown(k)
-        if (state == elsewhere) call report_elsewhere(k)
-      end associate
+      if (self%parts%assignments(self%head + k)%state == unknown) call report(k)
     end do
-    if (.not. self%parts%groups(self%current)%complete) return
-    do k = 1, self%known%count
-      associate (v => self%known%items(k))
-        if (v%missing /= '') call self%complain('', trim(v%name)//' is missing, expected '//v%missing)
-      end associate
+    do k = first_key(self%kind), last_key(self%kind)
+      if (.not. allocated(self%missing(k)%expected)) cycle
+      if (self%parts%groups(self%current)%complete) call self%complain('', trim(keys(k)%name)//' is missing, expected '// &
+        self%missing(k)%expected)
+      deallocate (self%missing(k)%expected)
     end do
   contains
-    !> Reports an unknown variable and suggests the nearest known one, which is then not reported as missing.
-    subroutine report_unknown(k)
+    !> Reports a key that does not apply, or an unknown one with the nearest known one, which is then not reported as missing.
+    subroutine report(k)
       integer, intent(in) :: k   !! which assignment of the group
-      character(:), allocatable :: name, meant, message
-      integer :: near
+      character(longest_word) :: names(first_key(self%kind):last_key(self%kind))
+      character(:), allocatable :: name, meant
+      integer :: near, kinds, i
       associate (a => self%parts%assignments(self%head + k))
         name = lower(self%raw(a%first, a%last))
+        kinds = 0
+        do i = lbound(names, 1), ubound(names, 1)
+          names(i) = keys(i)%name
+          if (names(i) == name) kinds = ior(kinds, keys(i)%kinds)
+          if (self%is_given(names(i)) .or. any(names(:i - 1) == names(i))) names(i) = ''
+        end do
         if (len(name) == 0) then
           if (a%values > 0 .and. .not. a%equals) call self%add_fault(a%line, 'value '// &
             self%written(self%parts%values(a%first_value))//' without a variable, expected name=value')
-          return
-        end if
-        if (index(name, '(') > 1) then
+        else if (kinds /= 0) then
+          call self%add_fault(a%line, name//elsewhere(self, kinds))
+        else if (index(name, '(') > 1) then
           meant = name(1:index(name, '(') - 1)
-          near = self%known%position_of(meant)
-          message = 'subscript in '//printable(name, 40)//', expected the whole list, '//meant//'=value,value,...'
+          call self%add_fault(a%line, 'subscript in '//printable(name, 40)//', expected the whole list, '//meant// &
+            '=value,value,...')
+          call forget(self%row_of(meant))
         else
-          near = self%known%nearest_variable(name)
-          message = 'expected one of '//self%known%applicable()
-          if (near > 0) message = 'did you mean '//trim(self%known%items(near)%name)//'?'
-          message = 'unknown variable '//printable(name, 40)//', '//message
+          near = meant_word(name, names)
+          meant = 'expected one of '//joined(pack(keys(first_key(self%kind):last_key(self%kind))%name, [(applies(self, i), &
+            i=first_key(self%kind), last_key(self%kind))]), ', ')
+          if (near > 0) meant = 'did you mean '//trim(names(lbound(names, 1) + near - 1))//'?'
+          call self%add_fault(a%line, 'unknown variable '//printable(name, 40)//', '//meant)
+          if (near > 0) call forget(lbound(names, 1) + near - 1)
         end if
-        if (near > 0) self%known%items(near)%missing = ''
-        call self%add_fault(a%line, message)
       end associate
-    end subroutine report_unknown
+    end subroutine report
 
-    !> Reports a variable that applies to other kinds only.
-    subroutine report_elsewhere(k)
-      integer, intent(in) :: k   !! which assignment of the group
-      character(:), allocatable :: which
-      associate (a => self%parts%assignments(self%head + k))
-        which = kinds_text(trim(self%selector), a%applies)
-        if (self%choice == '') then
-          call self%add_fault(a%line, trim(a%name)//' applies to '//which//' only, expected '//trim(self%selector)// &
-            ' to be given')
-        else
-          call self%add_fault(a%line, trim(a%name)//' does not apply to '//trim(self%selector)//'='// &
-            quoted(trim(self%choice))//', it applies to '//which)
-        end if
-      end associate
-    end subroutine report_elsewhere
+    !> A key that is meant is not missing.
+    subroutine forget(row)
+      integer, intent(in) :: row   !! 0: none
+      if (row == 0) return
+      if (allocated(self%missing(row)%expected)) deallocate (self%missing(row)%expected)
+    end subroutine forget
   end subroutine close_group
 
-  !> Kinds as a user writes them: `kind='beam' and 'frame'`.
-  pure function kinds_text(selector, kinds) result(t)
-    character(*), intent(in) :: selector   !! `kind`, `type`, ...
-    character(*), intent(in) :: kinds      !! values, blanks between them
+  !> What is wrong with a key of other kinds.
+  function elsewhere(self, kinds) result(t)
+    class(deck_source), intent(in) :: self
+    integer, intent(in) :: kinds             !! for which it stands in the table
     character(:), allocatable :: t
-    integer :: first, last
-    t = ''
-    first = 1
-    do while (first <= len(kinds))
-      last = first + index(kinds(first:)//' ', ' ') - 2
-      if (len(t) > 0) t = t//trim(merge(',   ', ' and', last < len(kinds)))//' '
-      t = t//quoted(kinds(first:last))
-      first = last + 2
-    end do
-    t = selector//'='//t
-  end function kinds_text
+    associate (selector => keys(self%selector))
+      t = kinds_text(selector, kinds)
+      if (self%choice == 0) then
+        t = ' applies to '//t//' only, expected '//trim(selector%name)//' to be given'
+      else
+        t = ' does not apply to '//kinds_text(selector, ibset(0, self%choice - 1))//', it applies to '//t
+      end if
+    end associate
+  end function elsewhere
 
-  !> Declares a variable and finds its assignment. `assignment` is 0 where there is nothing to read:
-  !> - it is not given: noted as missing where it is required and applies
+  !> Row of a key of the open group in the table: of several that which applies; 0: there is none.
+  pure integer function row_of(self, name) result(row)
+    class(deck_source), intent(in) :: self
+    character(*), intent(in) :: name
+    integer :: k
+    row = 0
+    do k = first_key(self%kind), last_key(self%kind)
+      if (keys(k)%name /= name) cycle
+      row = k
+      if (applies(self, k)) return
+    end do
+  end function row_of
+
+  !> Finds the assignment of a key. `assignment` is 0 where there is nothing to read:
+  !> - it is not given: noted as missing where it is required
   !> - its form is faulty: reported
   !> - it does not apply: reported when the group is closed.
-  subroutine look_up(self, name, need, kinds, expected, assignment)
+  subroutine look_up(self, row, assignment)
     class(deck_source), intent(inout) :: self
-    character(*), intent(in) :: name              !! variable, lower case
-    logical, intent(in), optional :: need         !! whether it is required
-    character(*), intent(in), optional :: kinds   !! values of the selecting variable that it applies to
-    character(*), intent(in) :: expected          !! what is expected where it is missing
+    integer, intent(in) :: row                    !! of the key in the table
     integer, intent(out) :: assignment            !! number of the assignment in the group
-    logical :: here
-    here = .true.
-    if (present(kinds)) here = applies(self, kinds)
-    call find_assignment()
-    call self%known%declare(name, here, assignment > 0)
+    assignment = 0
+    if (.not. applies(self, row)) return
+    call find_assignment(keys(row)%name)
     if (assignment == 0) then
-      if (.not. (present(need) .and. here)) return
-      if (need .and. (self%choice_known .or. .not. present(kinds))) call self%note_missing(name, expected, kinds)
-    else if (.not. here) then
-      associate (a => self%parts%assignments(self%head + assignment))
-        if (a%state == unknown) a%applies = kinds
-        if (a%state == elsewhere) a%applies = a%applies//' '//kinds
-        if (a%state == unknown) a%state = elsewhere
-      end associate
-      assignment = 0
+      if (keys(row)%required) call self%need(keys(row)%name)
+    else if (self%parts%assignments(self%head + assignment)%state /= unknown) then
+      assignment = 0                              ! read under another row, while it is not known which one applies
     else
       self%parts%assignments(self%head + assignment)%state = taken
-      call check_form()
+      call check_form(trim(keys(row)%name))
     end if
   contains
-    !> First assignment of a variable; further ones are reported.
-    subroutine find_assignment()
+    !> First assignment of a key; further ones are reported.
+    subroutine find_assignment(name)
+      character(*), intent(in) :: name
       integer :: k
       assignment = self%assignment_of(name)
       k = assignment
@@ -221,14 +228,15 @@ contains
         associate (a => self%parts%assignments(self%head + k))
           if (a%state /= unknown) cycle
           a%state = taken
-          call self%add_fault(a%line, name//' is set twice, first in line '// &
+          call self%add_fault(a%line, trim(name)//' is set twice, first in line '// &
             to_text(self%parts%assignments(self%head + assignment)%line)//', expected one value')
         end associate
       end do
     end subroutine find_assignment
 
     !> Reports an assignment without equals sign or without values; one with a reported value is unusable.
-    subroutine check_form()
+    subroutine check_form(name)
+      character(*), intent(in) :: name
       associate (a => self%parts%assignments(self%head + assignment))
         if (.not. a%equals) then
           call self%add_fault(a%line, 'no = after '//name//', expected '//name//'=value')
@@ -243,12 +251,12 @@ contains
     end subroutine check_form
   end subroutine look_up
 
-  !> Whether a variable that applies to these kinds applies to the group; all do while the kind is not known.
-  pure logical function applies(self, kinds) result(yes)
+  !> Whether a row of the table applies to the group; all do while the kind is not known.
+  pure logical function applies(self, row) result(yes)
     class(deck_source), intent(in) :: self
-    character(*), intent(in) :: kinds   !! blanks between them
-    yes = .not. self%choice_known
-    if (.not. yes .and. self%choice /= '') yes = index(' '//kinds//' ', ' '//trim(self%choice)//' ') > 0
+    integer, intent(in) :: row
+    yes = keys(row)%kinds == 0 .or. .not. self%choice_known
+    if (.not. yes .and. self%choice > 0) yes = btest(keys(row)%kinds, self%choice - 1)
   end function applies
 
   !> Notes that the value of a variable was read and is good.
@@ -265,16 +273,19 @@ contains
     self%parts%assignments(self%head + self%assignment_of(name))%state = taken
   end subroutine mark_faulty
 
-  !> Sets the variable that decides which others apply.
-  subroutine choose(self, name, choice, known)
+  !> Sets the word that decides which other keys apply.
+  subroutine choose(self, row, word, known)
     class(deck_source), intent(inout) :: self
-    character(*), intent(in) :: name     !! `kind`, `type`, ...
-    character(*), intent(in) :: choice   !! its value, empty: none
-    logical, intent(in) :: known         !! .false.: it could not be read, then everything applies and nothing is missing
+    integer, intent(in) :: row           !! of the key in the table
+    character(*), intent(in) :: word     !! blank: none
+    logical, intent(in) :: known         !! .false.: it could not be read
+    character(:), allocatable :: name
     integer :: k
-    self%selector = name
-    self%choice = choice
-    self%choice_known = known
+    name = trim(keys(row)%name)
+    self%selector = row
+    self%choice_word = word
+    self%choice = word_number(keys(row)%words, trim(word))
+    self%choice_known = known .and. .not. self%any_choice
     if (.not. known .or. self%is_given(name)) return
     do k = 1, self%count                 ! where it is misspelt (`knd='beam'`) that alone is reported
       associate (a => self%parts%assignments(self%head + k))
@@ -283,11 +294,11 @@ contains
     end do
   end subroutine choose
 
-  !> Whether the selecting variable is known to have one of these values.
-  pure logical function is_choice(self, kinds) result(yes)
+  !> Whether the selecting key is known to have one of these words.
+  pure logical function is_choice(self, words) result(yes)
     class(deck_source), intent(in) :: self
-    character(*), intent(in) :: kinds   !! blanks between them
-    yes = self%choice_known .and. applies(self, kinds)
+    character(*), intent(in) :: words   !! blanks between them
+    yes = self%choice_known .and. word_number(words, trim(self%choice_word)) > 0
   end function is_choice
 
   !> Whether the group gives a variable, with a good or a faulty value.
@@ -353,16 +364,26 @@ contains
     end if
   end subroutine complain
 
-  !> Notes a required variable that is not given; reported when the group is closed.
-  subroutine note_missing(self, name, expected, kinds)
+  !> Notes that a key is required, if it is not given and known to apply; reported when the group is closed.
+  subroutine need(self, name, expected)
     class(deck_source), intent(inout) :: self
-    character(*), intent(in) :: name              !! variable
-    character(*), intent(in) :: expected          !! what is expected
-    character(*), intent(in), optional :: kinds   !! kinds that require it
-    if (present(kinds)) then
-      call self%known%note_missing(name, expected//' for '//trim(self%selector)//'='//quoted(trim(self%choice)))
+    character(*), intent(in) :: name                 !! key
+    character(*), intent(in), optional :: expected   !! in place of what its row says
+    integer :: row
+    row = self%row_of(name)
+    if (self%is_given(name) .or. .not. applies(self, row) .or. (keys(row)%kinds /= 0 .and. .not. self%choice_known)) return
+    if (present(expected)) then
+      self%missing(row)%expected = expected
     else
-      call self%known%note_missing(name, expected)
+      self%missing(row)%expected = expectation(keys(row))
+      if (keys(row)%kinds /= 0) self%missing(row)%expected = expectation(keys(row))//self%for_choice()
     end if
-  end subroutine note_missing
+  end subroutine need
+
+  !> ` for kind='beam'`: where something is required.
+  function for_choice(self) result(t)
+    class(deck_source), intent(in) :: self
+    character(:), allocatable :: t
+    t = ' for '//kinds_text(keys(self%selector), ibset(0, self%choice - 1))
+  end function for_choice
 end module deck_input

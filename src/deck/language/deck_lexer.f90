@@ -5,7 +5,7 @@ module deck_lexer
   use readable_text, only: lf, printable, tab
   use text, only: digits, lower, to_text
   use deck_cursor, only: group_cursor
-  use deck_kinds, only: group_number
+  use deck_keys, only: group_names
   use deck_numbers, only: read_integer
   use deck_syntax, only: group, setting, value_token, bare_value, string_value, expression_value, null_value, &
     bad_value, shown
@@ -49,7 +49,7 @@ contains
         cycle
       end if
       word = word_ahead()
-      if (group_number(word) > 0) then
+      if (any(group_names == lower(word))) then
         call deck%faults%add(s%path, s%line, word, 'a group starts with &, expected &'//word)
         call read_group()
       else
@@ -62,6 +62,7 @@ contains
       type(group) :: new
       character(:), allocatable :: word
       word = word_ahead()
+      new%kind = findloc(group_names == lower(word), .true., 1)
       new%file = s%file
       new%line = s%line
       new%first = s%position

@@ -6,7 +6,7 @@ module deck_parameters
   use readable_text, only: printable
   use text, only: lower, quoted
   use deck_input, only: deck_source
-  use deck_kinds, only: in_parameter
+  use deck_keys, only: in_parameter
   use deck_names, only: not_there
   use deck_numbers, only: check_range
   use deck_syntax, only: value_token, bare_value, expression_value, string_value, bad_value

@@ -3,12 +3,13 @@
 module deck_syntax
   use kinds, only: wp
   use readable_text, only: printable
-  use text, only: lower, word_hash
-  use deck_kinds, only: name_characters
+  use text, only: digits, letters, lower, word_hash
   use deck_paths, only: beside
   implicit none (type, external)
   private
   public :: group_subject
+
+  character(*), parameter, public :: name_characters = letters//digits//'_-'   !! what a name may consist of, in lower case
 
   integer, parameter, public :: longest = 32        !! letters of the longest variable's name
   integer, parameter, public :: shown = 40          !! characters of a faulty text shown in a message
@@ -19,7 +20,7 @@ module deck_syntax
   integer, parameter, public :: expression_value = 4   !! an expression in braces
   integer, parameter, public :: bad_value = 5       !! unusable, its fault already reported
 
-  integer, parameter, public :: unknown = 0, elsewhere = 1, taken = 2, usable = 3   !! what became of an assignment
+  integer, parameter, public :: unknown = 0, taken = 1, usable = 2   !! what became of an assignment
 
   integer, parameter :: hashes = 4096   !! size of the hash table of files
 
@@ -45,11 +46,11 @@ module deck_syntax
     integer :: values = 0          !! number of values, repeat counts not expanded
     logical :: equals = .true.     !! .false.: the equals sign is missing
     integer :: state = unknown     !! what became of it
-    character(:), allocatable :: applies   !! elsewhere: kinds it would apply to
   end type setting
 
   !> `&name assignments /`
   type, public :: group
+    integer :: kind = 0            !! which group of the table of keys, 0: unknown
     integer :: file = 0            !! number of its file
     integer :: first = 0           !! first character of its name in the file's text
     integer :: last = 0            !! last character of its name
