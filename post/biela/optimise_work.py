@@ -25,10 +25,8 @@ from .sweep_work import parse_goal, prepare
 EVERY_CHOICE = 64  # combinations of the lists, each of which is searched
 SPREAD = 2.0  # sigma of the distance within which a better position of the sample rules a start out
 ACTIVE = 1.0e-4  # distance from a limit at which it holds the optimum back, of the value's size; or the error of its run
-POLL = (0.05, 2.0e-4)  # first and last step of polls, in parts of the ranges
-SOFT = 1.0e-3  # weight of the size of a plane's normal, to that of runs on its wrong side
-SHRINK = 0.6  # of the step of a poll, each time that none of its designs is better
-NEAR = 5.0  # steps within which runs say where a wall is
+SIMPLEX, NEAR = 0.05, 2.0e-4  # first and last size of a search without slopes, in parts of the ranges
+PENALTY = 1.0e3  # of a scaled violation beside the scaled objective
 EXCHANGES = 20  # rounds in which one list after the other is tried
 
 
@@ -272,9 +270,12 @@ def _slopes_of_extremes(runs: DesignRuns, found: Optimum) -> list[np.ndarray]:
 
 
 def _continue_search(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Go on from an optimum whose slope is not explained: by differences on both sides, then by polls; by these alone at a wall."""
-    walled = found.slopes is not None and _beside_a_wall(runs, space, found, found.position, POLL[0])[1].any()
-    for attempt in (_poll,) if walled else (_search_by_both_sides, _poll):
+    """Go on from an optimum whose slope is not explained: by differences on both sides, then without slopes (Nelder & Mead).
+
+    Where runs fail, or at a kink, the slope leads nowhere: there the second finds what the first cannot.
+    """
+    walled = any(not one.ok and np.abs(_position(space, one)[0] - found.position).max() <= SIMPLEX for one in runs.made)
+    for attempt in (_without_slopes,) if walled else (_search_by_both_sides, _without_slopes):
         left, error = found.residual
         if left <= max(3.0 * error, 1.0e-3):
             return
@@ -291,59 +292,24 @@ def _search_by_both_sides(runs: DesignRuns, space: Space, found: Optimum) -> Non
     search_all(runs, found.searches[-1:])
 
 
-def _poll(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Try designs around the best one, ever nearer: where runs fail, or at a kink, the slope alone leads nowhere.
+def _without_slopes(runs: DesignRuns, space: Space, found: Optimum) -> None:
+    """Search around the best design by scipy's Nelder-Mead; limits are a penalty, a run that fails is worse than all."""
+    from scipy.optimize import minimize
 
-    The runs nearby have the slope and the plane between those that failed and those that did not. The best way lies in that plane,
-    a little inside of it; one of two drawn ways that do not go uphill is tried beside it.
-    """
-    generator, step, count = np.random.default_rng(0), POLL[0], len(space.free)
-    here, merit = found.position, found.goal.merit(found.best)
-    while step >= POLL[1]:
-        slope, inside = _beside_a_wall(runs, space, found, here, step)
-        along = slope @ inside * inside - slope if slope @ inside > 0.0 else -slope
-        along = along / (np.linalg.norm(along) or 1.0)
-        drawn = np.linalg.qr(generator.normal(size=(count, count)))[0].T[:2]
-        ways = [along + share * inside for share in (0.0, 0.3)] + [-np.sign(slope @ way or 1.0) * way for way in drawn]
-        positions = [np.clip(here + step * way, 0.0, 1.0) for way in ways]
-        merits = [found.goal.merit(one) for one in runs.of([space.point(position, found.choice) for position in positions])]
-        k = min(range(len(positions)), key=lambda k: merits[k])
-        step *= SHRINK
-        if merits[k] < merit:
-            here, merit, step = positions[k], merits[k], min(2.0 * step, POLL[0])
+    goal, here = found.goal, found.position
 
+    def merit(position: np.ndarray) -> float:
+        (design,) = runs.of([space.point(position, found.choice)])
+        violation, value = goal.merit(design)
+        return PENALTY * violation + value / goal.scales[goal.column] if math.isfinite(violation) else math.inf
 
-def _beside_a_wall(runs: DesignRuns, space: Space, found: Optimum, here: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the unit slope of the objective and the unit normal into the side where runs do not fail, from the runs nearby.
-
-    The normal is zero where no run nearby has failed. The plane is that of a support vector machine of 1-norm, by a linear
-    programme: where a wall is curved, or a run failed by rounding, no plane has all runs on their right sides.
-    """
-    from scipy.optimize import linprog
-
-    goal, count = found.goal, len(here)
-    placed = [(_position(space, one), one) for one in runs.made]
-    near = [(position - here, one) for (position, choice), one in placed
-            if choice == found.choice and np.linalg.norm(position - here) <= NEAR * step]  # fmt: skip
-    good = [(way, goal.sign * one.values[goal.column]) for way, one in near if one.ok]
-    bad = [way for way, one in near if not one.ok]
-    widths = np.array([space.slope(k, unit) for k, unit in enumerate(found.position)])
-    slope = goal.sign * found.slopes.values[goal.column] * widths
-    if len(good) > count:
-        ways, values = np.array([way for way, _ in good]), np.array([value for _, value in good])
-        fitted = np.linalg.lstsq(ways - ways.mean(axis=0), values - values.mean(), rcond=1.0e-3)
-        slope = fitted[0] if fitted[2] == count or not np.isfinite(slope).all() else slope
-    slope = np.nan_to_num(slope)
-    normal = np.zeros(count)
-    if bad and good:
-        # normal, its size by parts above and below zero, position, by how much each run is on the wrong side
-        rows = np.array([[*-way / step, -1.0] for way, _ in good] + [[*way / step, 1.0] for way in bad])
-        rows = np.hstack([rows[:, :-1], -rows[:, :-1], rows[:, -1:], -np.eye(len(rows))])
-        costs = [SOFT] * (2 * count) + [0.0] + [1.0] * len(rows)
-        bounds = [(0.0, None)] * (2 * count) + [(None, None)] + [(0.0, None)] * len(rows)
-        plane = linprog(costs, A_ub=rows, b_ub=-np.ones(len(rows)), bounds=bounds)
-        normal = plane.x[:count] - plane.x[count : 2 * count] if plane.status == 0 else normal
-    return slope / (np.linalg.norm(slope) or 1.0), normal / (np.linalg.norm(normal) or 1.0)
+    # a simplex along no axis, whose corners stand where runs do not fail: a corner on a wall would hold all others there
+    ways = SIMPLEX * np.linalg.qr(np.random.default_rng(0).normal(size=(here.size, here.size)))[0]
+    fine = [one.ok for one in runs.of([space.point(here + way, found.choice) for way in ways])]
+    ways = np.where(np.array(fine)[:, None], ways, -ways)
+    corners = np.clip(here + np.vstack([0.5 * ways.mean(axis=0), ways]), 0.0, 1.0)
+    options = {"initial_simplex": corners, "xatol": NEAR, "fatol": goal.accuracy}
+    minimize(merit, here, method="Nelder-Mead", bounds=[(0.0, 1.0)] * here.size, options=options)
 
 
 def report(found: Optimum, runs: DesignRuns) -> list[str]:
