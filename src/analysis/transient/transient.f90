@@ -159,7 +159,7 @@ contains
     march%restarts = march%restarts + 1
     delivered = ''
     associate (last => march%search%count - 1)
-      if (last > 0 .and. march%search%delivered == last) delivered = trim(pass_suffix(last))
+      if (last > 0 .and. march%search%delivered == last) delivered = pass_suffix(last)
     end associate
     call march%files%resume(run%folder, delivered, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
     if (march%files%incomplete) then
