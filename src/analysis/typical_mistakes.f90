@@ -1,12 +1,10 @@
-!> Warns of probable mistakes in a deck: units other than SI, degrees, parts that do nothing, hold nothing or stand there twice.
+!> Warns of probable mistakes in a deck: units other than SI, degrees, parts that do nothing.
 !> The deck runs as it is written.
 module typical_mistakes
   use kinds, only: wp, pi
   use acting_markers, only: list_markers
-  use build_history, only: make_history
   use deck_origin, only: origin
-  use deck_records, only: deck, marker_record, history_record
-  use history, only: history_model
+  use deck_records, only: deck, marker_record
   use posix, only: tell
   use text, only: quoted, to_text
   implicit none (type, external)
@@ -29,9 +27,6 @@ contains
     call degrees(d)
     call millimetres(d)
     call loose_bodies(d)
-    call look_for_twins('joint', d%joints%at, d%joints%name, d%joints%type, d%joints%a, d%joints%b, d%joints%direction)
-    call look_for_twins('drive', d%drives%at, d%drives%name, d%drives%type, d%drives%a, d%drives%b, d%drives%direction)
-    call lost_dwells(d)
     if (check) call warn_if(.not. d%parameters%used, d%parameters%at, 'no expression uses it')
     if (check .or. d%static%present .or. d%modal%present .or. d%response%present .or. d%transient%present) return
     call tell(d%path//': warning: no analysis (&static, &modal, &frequency_response, &transient): the mechanism is '// &
@@ -155,83 +150,6 @@ contains
     call warn_if(.not. (attached(1:) .or. d%bodies%velocity_stated .or. d%bodies%angular_velocity_stated), d%bodies%at, &
                  'no joint, drive, spring or force names it: it is left to itself')
   end subroutine loose_bodies
-
-  !> Joints or drives between the same markers that hold the same. Each gets a number from its bodies and nodes, in any order; only
-  !> those with the same number are compared.
-  subroutine look_for_twins(kind, at, name, type, a, b, direction)
-    character(*), intent(in) :: kind
-    type(origin), intent(in) :: at(:)
-    character(*), intent(in) :: name(:), type(:)
-    type(marker_record), intent(in) :: a(:), b(:)
-    real(wp), intent(in) :: direction(:)       !! [rad]
-    character(*), parameter :: either_way(3) = [character(10) :: 'revolute', 'weld', 'distance']
-    integer :: newest(0:size(a)), earlier(size(a))     ! of the pairs with the same remainder, 0: none
-    integer :: k, j, r, first
-    newest = 0
-    do k = 1, size(a)
-      r = modulo(31*(a(k)%body + b(k)%body) + a(k)%node + b(k)%node, size(a) + 1)
-      earlier(k) = newest(r)
-      newest(r) = k
-      first = 0
-      j = earlier(k)
-      do while (j > 0)
-        if (type(j) == type(k) .and. .not. abs(direction(j) - direction(k)) > 0.0_wp) then
-          if (same(a(j), a(k)) .and. same(b(j), b(k))) first = j
-          if (any(either_way == type(k)) .and. same(a(j), b(k)) .and. same(b(j), a(k))) first = j
-        end if
-        j = earlier(j)
-      end do
-      if (first > 0) call warn(at(k), 'it holds the same as '//kind//' "'//trim(name(first))// &
-                               '" in line '//to_text(at(first)%line)//': one of them is too many')
-    end do
-  end subroutine look_for_twins
-
-  !> Whether two markers are one.
-  pure logical function same(a, b) result(yes)
-    type(marker_record), intent(in) :: a, b
-    yes = a%body == b%body .and. a%node == b%node .and. .not. any(abs(a%point - b%point) > 0.0_wp)
-  end function same
-
-  !> Splines that do not keep a dwell of their table: two flat pieces one after the other, or one at an end.
-  subroutine lost_dwells(d)
-    type(deck), intent(in) :: d
-    class(history_model), allocatable :: h
-    logical, allocatable :: flat(:)            ! pieces of the table, with one before and one after it
-    real(wp) :: miss, worst, at                ! [unit], [unit], [s]
-    integer :: k, i, n
-    do k = 1, size(d%histories)
-      if (d%histories(k)%kind /= 'table' .or. d%histories(k)%interpolation /= 'spline') cycle
-      call make_history(d, k, h)
-      worst = 0.0_wp
-      associate (r => d%histories(k))
-        n = size(r%time)
-        flat = [.true., abs(r%values(2:) - r%values(:n - 1)) <= 1.0e-9_wp*maxval(abs(r%values)), .true.]
-        do i = 1, n - 1
-          if (.not. (flat(i + 1) .and. (flat(i) .or. flat(i + 2)))) cycle
-          miss = largest_miss(h, r, i)
-          if (miss > worst) at = r%time(i)
-          worst = max(worst, miss)
-        end do
-        if (worst <= 0.01_wp*(maxval(r%values) - minval(r%values))) cycle
-        call warn(r%at, 'the spline leaves the dwell at t = '//to_text(at)//' s by '//to_text(worst)// &
-                  ': interpolation=''pchip'' keeps dwells')
-      end associate
-    end do
-  end subroutine lost_dwells
-
-  !> How far the curve leaves the flat piece i.
-  pure real(wp) function largest_miss(h, r, i) result(miss)   ! [unit]
-    class(history_model), intent(in) :: h
-    type(history_record), intent(in) :: r
-    integer, intent(in) :: i
-    real(wp) :: g(-1:2)
-    integer :: k
-    miss = 0.0_wp
-    do k = 1, 7
-      call h%evaluate(r%time(i) + 0.125_wp*k*(r%time(i + 1) - r%time(i)), .false., g)
-      miss = max(miss, abs(g(0) - r%values(i)))
-    end do
-  end function largest_miss
 
   !> A warning with the line of its group.
   subroutine warn(at, why)

@@ -15,8 +15,6 @@ BEAM += "&joint name='j' type='weld' body_a='b' node_a=1 /\n"
 DISC = "&body name='d' kind='rigid' mass=1.0 inertia=0.01 com=0.1,0.0 /\n&joint name='p' type='revolute' body_a='d' /\n"
 RUN = "&transient t_end=0.1 method='generalized_alpha' step=0.01 /\n"
 PLAIN = TOP + SECTION + BEAM + DISC + RUN
-TABLE = "&history name='h' kind='table' time=0.0,0.1,0.2,0.3,0.4,0.5 value={} {} /\n&force name='f' type='torque' body='d' "
-TABLE += "moment=1.0 history='h' /\n"
 
 SLIPS = {
     "GPa": (PLAIN.replace("2.1e11", "210.0"), "2: material/m: warning: sqrt(young/density) is 0.164083 m/s"),
@@ -63,20 +61,6 @@ SLIPS = {
         TOP + DISC + "&spring name='k' type='torsional' body_a='d' stiffness=1.0 /\n&body name='x' mass=1.0 inertia=1.0 /\n" + RUN,
         "6: body/x: warning: no joint, drive, spring or force names it",
     ),
-    "joint twice": (
-        PLAIN + "&joint name='q' type='revolute' body_a='d' /\n",
-        '9: joint/q: warning: it holds the same as joint "p" in line 7',
-    ),
-    "drive twice": (
-        PLAIN
-        + "&history name='h' kind='polynomial' coefficients=0.0 /\n"
-        + "&drive name='x' type='rotation' body_a='d' history='h' /\n&drive name='y' type='rotation' body_a='d' history='h' /\n",
-        '11: drive/y: warning: it holds the same as drive "x" in line 10',
-    ),
-    "dwell": (
-        PLAIN + TABLE.format("0.0,0.0,1.0,1.0,1.0,0.0", ""),
-        "9: history/h: warning: the spline leaves the dwell at t = ",
-    ),
 }
 
 
@@ -108,12 +92,6 @@ MEANT = {
     + "&history name='h' kind='polynomial' coefficients=7.853981633974483,3.0 /\n"
     + "&drive name='x' type='rotation' body_a='d' history='h' /\n",
     "a thrown body": PLAIN + "&body name='x' mass=1.0 inertia=1.0 velocity=1.0,0.0 /\n",
-    "two axes of one point": PLAIN
-    + "&body name='x' mass=1.0 inertia=1.0 /\n&history name='h' kind='polynomial' coefficients=0.0 /\n"
-    + "&drive name='u' type='position' body_a='x' history='h' /\n"
-    + "&drive name='v' type='position' body_a='x' history='h' direction=1.5707963267948966 /\n",
-    "dwell kept": PLAIN + TABLE.format("0.0,0.0,1.0,1.0,1.0,0.0", "interpolation='pchip'"),
-    "peak between points": PLAIN + TABLE.format("0.0,0.5,1.0,1.0,0.5,0.0", ""),
     "unused material": PLAIN + "&material name='x' density=1.0 young=1.0 /\n",
 }
 
@@ -123,7 +101,7 @@ def test_what_may_be_meant_is_not_told(run_deck, case):
     assert run_deck(MEANT[case], "--check").stderr == ""
 
 
-WORDS = ("solids have", "turns: degrees", "mm for m", "mm/s2", "names it: it is left", "holds the same", "leaves the dwell")
+WORDS = ("solids have", "turns: degrees", "mm for m", "mm/s2", "names it: it is left")
 SOLIDS = [(7800, 2.1e11), (2700, 7e10), (1100, 1e6), (1200, 3e9), (1600, 2.1e10), (600, 1e10), (3500, 1.1e12), (930, 2e8)]
 
 

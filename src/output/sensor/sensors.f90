@@ -6,6 +6,7 @@ module sensors
   use build_markers, only: begin_markers, find_marker, marker_table
   use build_quantities, only: friction_of, make_quantity, source_of
   use controller_sensor, only: controller_sensor_model
+  use deck_columns, only: motion_suffixes
   use deck_records, only: deck, sensor_record
   use dynamics, only: one_marker
   use elastic_sensors, only: coordinate_sensor_model, deflection_sensor_model
@@ -14,6 +15,7 @@ module sensors
   use force_sensors, only: spring_sensor_model, stop_sensor_model
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
+  use quantity, only: quantity_model
   use quantity_sensor, only: quantity_sensor_model
   use row_sensors, only: friction_sensor_model, reaction_sensor_model
   use section_sensors, only: section_sensor_model, stress_sensor_model
@@ -78,19 +80,9 @@ contains
     integer :: k
     r = d%sensors(number)
     select case (r%quantity)
-    case ('position')
-      suffixes = [character(suffix_length) :: '.x[m]', '.y[m]']
-    case ('velocity')
-      suffixes = [character(suffix_length) :: '.x[m/s]', '.y[m/s]']
     case ('acceleration')
       item = acceleration_sensor_model(first=1, last=2, against=find_marker(m%s, markers, r%other))
       suffixes = [character(suffix_length) :: '.x[m/s2]', '.y[m/s2]']
-    case ('distance')
-      suffixes = [character(suffix_length) :: '[m]']
-    case ('angle')
-      suffixes = [character(suffix_length) :: '[rad]']
-    case ('angular_velocity')
-      suffixes = [character(suffix_length) :: '[rad/s]']
     case ('angular_acceleration')
       item = acceleration_sensor_model(first=3, last=3, against=find_marker(m%s, markers, r%other))
       suffixes = [character(suffix_length) :: '[rad/s2]']
@@ -135,25 +127,32 @@ contains
       if (m%s%forces(m%s%switching(r%stop))%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.gap[rad]']
     case ('controller')
       item = controller_sensor_model(controller=r%controller)
-      unit = 'm'
-      associate (q => m%s%controllers(r%controller)%quantity)
-        if (q%angular) unit = 'rad'
-        if (q%rate) unit = unit//'/s'
-      end associate
-      suffixes = [character(suffix_length) :: '.out[-]', '.error['//unit//']', '.limited[-]']
-    case default
+      suffixes = [character(suffix_length) :: '.out[-]', '.error'//unit_of(m%s%controllers(r%controller)%quantity), '.limited[-]']
+    case ('spring')
       item = spring_sensor_model(element=r%spring)
       suffixes = [character(suffix_length) :: '.f[N]', '.d[m]']
       if (m%s%forces(r%spring)%item%angular) suffixes = [character(suffix_length) :: '.f[Nm]', '.d[rad]']
+    case default                                   ! all others are quantities of motion
+      suffixes = [character(suffix_length) :: motion_suffixes(r%quantity)]
+      allocate (quantities)
+      allocate (quantities%columns(size(suffixes)))
+      do k = 1, size(suffixes)
+        call make_quantity(d, m%s, r, k, markers, quantities%columns(k)%item)
+        suffixes(k) = trim(suffixes(k))//unit_of(quantities%columns(k)%item)
+      end do
+      call move_alloc(quantities, item)
     end select
-    if (allocated(item)) return
-    allocate (quantities)                          ! all others are quantities of motion
-    allocate (quantities%columns(size(suffixes)))
-    do k = 1, size(suffixes)
-      call make_quantity(d, m%s, r, k, markers, quantities%columns(k)%item)
-    end do
-    call move_alloc(quantities, item)
   end subroutine make_sensor
+
+  !> Unit of a quantity of motion, in brackets.
+  pure function unit_of(q) result(unit)
+    class(quantity_model), intent(in) :: q
+    character(:), allocatable :: unit
+    unit = '[m'
+    if (q%angular) unit = '[rad'
+    if (q%rate) unit = unit//'/s'
+    unit = unit//']'
+  end function unit_of
 
   !> Values of all columns at an evaluated state (m holds the accelerations and multipliers of that state).
   subroutine read_sensors(list, m, ev, y, values)
