@@ -26,7 +26,7 @@ contains
       case (without_axial)
         yes = r%kind == 'beam' .and. r%axial .and. .not. r%stiffening
       case (half_elements)
-        yes = r%kind == 'beam' .and. r%elements > 1 .and. r%modes == 0 .and. .not. r%auto_elements
+        yes = r%kind == 'beam' .and. r%elements > 1 .and. r%modes == 0
       case (two_modes)
         yes = r%modes == 0 .and. .not. r%stiffening
       case (without_ghm)

@@ -41,8 +41,6 @@ contains
     do k = 1, size(run%d%bodies)
       if (run%d%bodies(k)%auto_modes) call text%line('body "'//trim(run%d%bodies(k)%name)//'": modes=''auto'': the run finds '// &
                                                      'how many are enough; here it has its whole mesh')
-      if (run%d%bodies(k)%auto_elements) call text%line('body "'//trim(run%d%bodies(k)%name)//'": elements=''auto'': the run '// &
-        'finds how many are enough; here it has '//to_text(run%d%bodies(k)%elements))
     end do
     associate (reduced => run%d%bodies%modes > 0 .and. run%d%bodies%flexible .and. .not. run%d%bodies%auto_modes)
       if (.not. any(reduced) .or. size(share) == 0) return

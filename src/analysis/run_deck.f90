@@ -261,7 +261,7 @@ contains
     if (fail%status /= status_bad_input) call finish_summary(run, fail, [real(t1 - t0, wp)/real(rate, wp), p1 - p0], &
                                                             march%restarts, text, ok)
     if (ok .and. .not. fail%happened()) call remove_checkpoint(run%folder)
-    if (march%search%over) call remove_results(run%folder, unfinished)
+    if (march%ladder%over) call remove_results(run%folder, unfinished)
     call close_lock(lock)
     call hold_signals(0)
     status = fail%status

@@ -5,7 +5,6 @@ module scene_run
   use archive, only: value_archive
   use errors, only: failure, fault_list, status_no_output, status_signal
   use evaluation_settings, only: usual_options
-  use deck_mesh, only: set_mesh
   use deck_records, only: deck
   use build_scene, only: build
   use assembly_conflict, only: explain_open_joints, deck_line_of
@@ -41,13 +40,14 @@ module scene_run
     real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
     real(wp) :: stable_steps(size(method_names)) = huge(1.0_wp)   !! of each explicit method, also with bent bodies [s]
     logical :: model_found = .false.          !! pilots have looked for it, or at it
-    real(wp), allocatable :: model_error(:)   !! (columns) what modes and meshes make them err, where the run chose [of the column]
+    real(wp), allocatable :: model_error(:)   !! (columns) what left-out modes make them err, where the run chose [of the column]
     type(summary_record) :: model_words       !! what pilots have found
     integer(ip) :: began = 0                  !! count of the clock, for `most_seconds` alone
     logical :: quiet = .false.
     logical :: restart = .false.
   contains
     procedure :: vibrates
+    procedure :: late
     procedure :: exchange_model
   end type run_state
 
@@ -59,17 +59,23 @@ contains
     vibrates = self%d%modal%present .or. self%d%response%present
   end function vibrates
 
+  !> Whether `most_seconds` are over.
+  logical function late(self)
+    class(run_state), intent(in) :: self
+    integer(ip) :: now, rate
+    late = self%d%transient%most_seconds < huge(1.0_wp)
+    if (.not. late) return
+    call system_clock(now, rate)
+    late = real(now - self%began, wp) > self%d%transient%most_seconds*real(rate, wp)
+  end function late
+
   !> Saves or restores what pilots have found: their ends by `most_seconds` are not the same twice.
   subroutine exchange_model(self, a)
     class(run_state), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     integer :: k, n
     do k = 1, size(self%d%bodies)
-      associate (b => self%d%bodies(k))
-        call a%exchange(b%mesh_level)
-        if (.not. a%saving .and. b%mesh_level > 0) call set_mesh(self%d, k, b%mesh_level)
-        call a%exchange(b%modes)
-      end associate
+      call a%exchange(self%d%bodies(k)%modes)
     end do
     n = 0
     if (allocated(self%model_error)) n = size(self%model_error)

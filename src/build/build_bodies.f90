@@ -150,7 +150,6 @@ contains
     if (r%kind == 'beam') then
       do k = 1, b%nn
         b%x(:, k) = [r%length*(k - 1)/b%ne, 0.0_wp]
-        if (allocated(r%stations)) b%x(1, k) = r%length*r%stations(k)
       end do
       do k = 1, b%ne
         b%en(:, k) = [k, k + 1]

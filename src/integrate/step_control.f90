@@ -29,7 +29,6 @@ module step_control
     procedure :: watch_slopes
     procedure :: measure
     procedure :: measure_slopes
-    procedure :: worst
     procedure :: out_of_bounds
   end type error_norm
 
@@ -130,24 +129,6 @@ contains
     end do
     worst = worst/tolerance
   end function measure
-
-  !> The unknown whose error was largest over its group's scale when that was measured last; 0: none is measured.
-  pure integer function worst(self, e, slopes) result(unknown)
-    class(error_norm), intent(in) :: self
-    real(wp), intent(in) :: e(:)              !! (n) the errors that were measured [unit of each unknown, or per second]
-    logical, intent(in) :: slopes             !! they are of derivatives
-    real(wp) :: largest                       ! [-]
-    integer :: k
-    unknown = 0
-    largest = 0.0_wp
-    do k = 1, size(e)
-      if (self%group(k) == 0) cycle
-      if (slopes .and. .not. self%slope(self%group(k))) cycle
-      if (abs(e(k)) <= largest*self%scale(self%group(k))) cycle
-      largest = abs(e(k))/self%scale(self%group(k))
-      unknown = k
-    end do
-  end function worst
 
   !> Whether the values of a group have passed their bound.
   pure logical function out_of_bounds(self)

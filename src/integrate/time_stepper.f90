@@ -94,7 +94,6 @@ module time_stepper
     procedure :: keep_lost_state
     procedure :: report_work => no_work_to_report
     procedure :: implicit_work => no_implicit_work
-    procedure :: limiting_error => no_limiting_error
   end type stepper
 
   abstract interface
@@ -274,16 +273,6 @@ contains
     class(stepper), intent(in) :: self
     work = 0.0_wp                             ! [-]
   end function no_implicit_work
-
-  !> The state at t, and the estimated error of an unknown in the last step. unknown = 0 asks for that with the largest error; it
-  !> stays 0 where errors are not estimated.
-  subroutine no_limiting_error(self, y, unknown, error)
-    class(stepper), intent(in) :: self
-    real(wp), intent(inout) :: y(:)           !! (n) state [unit of each unknown]
-    integer, intent(inout) :: unknown
-    real(wp), intent(inout) :: error          !! [unit of that unknown, or per second]
-    y = self%y
-  end subroutine no_limiting_error
 
   !> A line for the summary about the method's own work; most methods have none.
   subroutine no_work_to_report(self, text)

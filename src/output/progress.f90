@@ -10,6 +10,8 @@ module progress
   !> State of the line.
   type :: progress_line
     logical :: shown = .false.
+    character(:), allocatable :: what         !! runs, with a blank behind
+    integer :: width = 60                     !! characters on the screen
     integer(ip) :: start = 0, last = 0, rate = 1   !! clock counts
   contains
     procedure :: begin
@@ -20,11 +22,13 @@ module progress
 contains
 
   !> Starts the clock.
-  subroutine begin(self, quiet)
+  subroutine begin(self, quiet, what)
     class(progress_line), intent(inout) :: self
     logical, intent(in) :: quiet
+    character(*), intent(in) :: what          !! runs, with a blank behind; empty: a run alone
     self%shown = .not. quiet
     if (self%shown) self%shown = is_terminal(standard_error)
+    self%what = what
     call system_clock(self%start, self%rate)
     self%last = self%start
   end subroutine begin
@@ -35,6 +39,7 @@ contains
     real(wp), intent(in) :: t, t_end          !! simulated time reached and wanted [s]
     integer(ip) :: now
     real(wp) :: seconds, left
+    character(:), allocatable :: line
     logical :: written
     if (.not. self%shown) return
     call system_clock(now)
@@ -42,8 +47,10 @@ contains
     self%last = now
     seconds = real(now - self%start, wp)/real(self%rate, wp)
     left = seconds*(t_end - t)/max(t, tiny(1.0_wp))
-    written = write_bytes(standard_error, char(13)//fixed_text(100*t/t_end, 1)//' %   t = '//es_text(t, 4)//' s   about '// &
-                       to_text(nint(min(left, 9.9e6_wp)))//' s left   ')
+    line = self%what//fixed_text(100*t/t_end, 1)//' %   t = '//es_text(t, 4)//' s   about '//to_text(nint(min(left, 9.9e6_wp)))// &
+           ' s left   '
+    self%width = max(self%width, len(line))
+    written = write_bytes(standard_error, char(13)//line)
   end subroutine report
 
   !> Clears the line.
@@ -51,7 +58,7 @@ contains
     class(progress_line), intent(inout) :: self
     logical :: written
     if (self%shown .and. self%last > self%start) then
-      written = write_bytes(standard_error, char(13)//repeat(' ', 60)//char(13))
+      written = write_bytes(standard_error, char(13)//repeat(' ', self%width)//char(13))
     end if
   end subroutine finish
 end module progress

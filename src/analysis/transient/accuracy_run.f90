@@ -1,10 +1,9 @@
-!> A transient by passes until the deck's accuracy is kept (theory.md, section 12): each pass is a run like any other, compared
-!> row by row with the one before. Files of a finished pass get their names when the next one has begun, or at the end. Its part
-!> of the summary is kept as text, since what that describes is gone when the next pass has begun.
+!> A transient by passes until two agree as well as the deck asks (theory.md, section 12): each pass is a run like any other,
+!> compared row by row with the one before. Files of a finished pass get their names when the next one has begun, or at the end.
+!> Its part of the summary is kept as text, since what that describes is gone when the next pass has begun.
 module accuracy_run
   use kinds, only: wp, ip
-  use accuracy_search, only: has_fixed_steps, pass_record, pass_search, setting_words, under_way, finished, given_up, lost_pass, &
-    witness
+  use accuracy_ladder, only: finished, given_up, has_fixed_steps, lost_pass, pass_record, setting_words, under_way
   use accuracy_words, only: asked_errors
   use errors, only: failure, status_failed
   use mechanism_ode, only: mechanism_system
@@ -25,7 +24,7 @@ module accuracy_run
 
 contains
 
-  !> Runs passes until the search is over; the summary gets what the last finished one has found, and what was tried.
+  !> Runs passes until the ladder ends; the summary gets what the last finished one has found, and what was tried.
   subroutine run_to_accuracy(run, march, text, fail)
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
@@ -35,30 +34,35 @@ contains
     type(transient_march) :: next
     real(wp), allocatable :: start_state(:)   ! [m, rad], [m/s, rad/s], [J]
     type(summary_record) :: so_far
+    integer :: columns
     logical :: ok
     allocate (start_system, source=run%sys)
     start_state = run%y
-    associate (r => run%d%transient)
-      call march%search%begin(run%d, run%stable_steps, size(compared_names(run)), &
-                              step_count(0.0_wp, r%t_end, r%output_step), run%began)
-    end associate
-    if (run%restart) call march%search%exchange(run%saved)
+    columns = size(compared_names(run))
+    call march%ladder%begin(run%d, run%stable_steps, columns)
+    allocate (march%rows%values(columns, 0:step_count(0.0_wp, run%d%transient%t_end, run%d%transient%output_step)), source=0.0_wp)
+    if (run%restart) call march%ladder%exchange(run%saved)
+    if (run%restart) call march%rows%exchange(run%saved)
     do
-      call march%search%set(run%d%transient)
+      call march%ladder%set(run%d%transient)
+      march%budget = march%ladder%passes(march%ladder%count)%budget
       run%stable_step = huge(1.0_wp)
       if (method_number(run%d%transient%method) > 0) run%stable_step = run%stable_steps(method_number(run%d%transient%method))
       call run_transient(run, march, fail)
       if (fail%happened() .and. fail%status /= status_failed) exit
       call end_pass(run, march, fail)
-      if (march%search%over) exit
+      if (march%ladder%over) exit
       fail = failure()
       so_far = run%opening
-      call search_lines(run, march, so_far)
+      call ladder_lines(run, march, so_far)
       call announce(run, fail, so_far)
       if (fail%happened()) return
-      next%search = march%search
+      next%ladder = march%ladder
       next%restarts = march%restarts
-      call next%files%follow(march%files, march%search%delivered == march%search%count - 1)
+      call next%files%follow(march%files, march%ladder%delivered == march%ladder%count - 1)
+      call move_alloc(march%rows%values, next%rows%values)
+      next%rows%events = march%rows%events
+      next%rows%filled = march%rows%filled
       march = next
       deallocate (run%sys)
       allocate (run%sys, source=start_system)
@@ -66,145 +70,172 @@ contains
       run%monitor = stability_monitor()
       run%restart = .false.
     end do
-    if (march%search%over .and. any(march%search%delivered == [0, march%search%count])) then
-      call march%files%publish(run%folder, march%files%suffix, ok)
-      if (.not. ok) call no_output(run, fail)
-    end if
-    if (march%search%delivered > 0) then
-      if (march%search%over .and. fail%status == status_failed) fail = failure()
-      call text%append(march%search%found)
-      ok = write_bytes(standard_error, march%search%found%held_back%all())
-    else
-      call transient_lines(run, march, fail%status, text)
-    end if
-    call search_lines(run, march, text)
-    if (march%search%over .and. march%search%delivered > 0 .and. .not. march%search%kept) then
-      call warn_not_kept(run, march%search, text)
-    end if
+    associate (ladder => march%ladder)
+      if (ladder%over .and. any(ladder%delivered == [0, ladder%count])) then
+        call march%files%publish(run%folder, march%files%suffix, ok)
+        if (.not. ok) call no_output(run, fail)
+      end if
+      if (ladder%delivered > 0) then
+        if (ladder%over .and. fail%status == status_failed) fail = failure()
+        call text%append(ladder%found)
+        ok = write_bytes(standard_error, ladder%found%held_back%all())
+      else
+        call transient_lines(run, march, fail%status, text)
+      end if
+      call ladder_lines(run, march, text)
+      if (ladder%over .and. ladder%delivered > 0 .and. .not. ladder%kept) call warn_not_kept(run, march, text)
+    end associate
   end subroutine run_to_accuracy
 
-  !> What a pass has cost and shown; its files get their names, and its part of the summary is kept, where it went to the end.
+  !> What a pass has cost and shown; its part of the summary is kept where it went to the end.
   subroutine end_pass(run, march, fail)
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
     type(pass_record) :: pass
-    real(wp), allocatable :: x(:)             ! differences over what is asked [-]
-    associate (search => march%search, c => march%check)
-      pass = search%passes(search%count)
+    real(wp), allocatable :: apart(:)         ! (columns, then events) differences over what is asked [-]
+    associate (ladder => march%ladder, c => march%check)
+      pass = ladder%passes(ladder%count)
       pass%outcome = finished
       if (march%stopped) pass%outcome = given_up
       if (fail%happened()) pass%outcome = lost_pass
       pass%cost = march%cost(run)
       pass%reached = march%last
-      pass%other = search%stored
-      if (c%active .and. pass%reached > 0.0_wp) then
-        x = c%error/asked_errors(run, c)
-        pass%column = maxloc(x, 1)
-        pass%apart = x(pass%column)
+      pass%mean_step = march%last/max(march%method%steps, 1_ip)
+      apart = [real(wp) ::]
+      if (c%active .and. pass%outcome == finished) then
+        pass%other = ladder%stored
+        apart = [c%error/asked_errors(run, march%compared_range(), ladder%absolute), 0.0_wp]
+        pass%column = maxloc(apart, 1)
+        pass%apart = apart(pass%column)
         pass%differ_at = c%differ_at
-        c%error_ratio = search%ratio(pass)
-        if (pass%role == witness) search%witnessed = x
+        if (c%differ_at >= 0.0_wp) apart(size(apart)) = max(pass%apart, 2.0_wp)   ! they may agree as long as columns converge
       end if
-      if (pass%outcome == finished .and. pass%role /= witness) then
-        search%found = summary_record(silent=.true.)
-        call transient_lines(run, march, fail%status, search%found)
+      if (pass%outcome == finished) then
+        ladder%found = summary_record(silent=.true.)
+        call transient_lines(run, march, fail%status, ladder%found)
+        call march%rows%turn()
+      else
+        call march%rows%forget()
       end if
-      call search%judge(pass)
+      call ladder%judge(pass, apart, run%late() .and. (pass%outcome == finished .or. ladder%delivered > 0))
+      ladder%because = ''
+      if (pass%differ_at >= 0.0_wp) then
+        ladder%because = ', for the sequence of events'
+      else if (pass%apart > 1.0_wp) then
+        ladder%because = ', for '//compared_name(run, pass%column)
+      end if
     end associate
   end subroutine end_pass
 
-  !> What was tried, what was chosen and why, and what it cost.
-  subroutine search_lines(run, march, text)
+  !> Name of a column that is compared.
+  function compared_name(run, column) result(name)
+    type(run_state), intent(in) :: run
+    integer, intent(in) :: column
+    character(:), allocatable :: name
+    character(80), allocatable :: names(:)
+    names = compared_names(run)
+    name = trim(names(column))
+  end function compared_name
+
+  !> What was tried, which columns have an absolute accuracy, what was chosen and why, and what it cost.
+  subroutine ladder_lines(run, march, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
     character(80), allocatable :: names(:)
     integer :: k
     names = compared_names(run)
-    associate (search => march%search)
+    associate (ladder => march%ladder)
       call text%line('')
       call text%open('accuracy', '{')
       call text%figure('accuracy of ', 'asked', run%d%transient%accuracy, &
-                       rest=' of the range of each column, kept by passes that check each other; cost in explicit evaluations')
+                       rest=' of the range of each column, kept where two passes agree so well; cost in explicit evaluations')
       call text%open('passes', '[')
-      do k = 1, search%count
-        call pass_line(search, k, names, text)
+      do k = 1, ladder%count
+        call pass_line(ladder%passes(k), k, names, text)
       end do
       call text%close()
-      if (any(search%witnessed >= 0.0_wp)) then
-        call text%open('damped', '{')
-        call text%line('  left out or damped as too small, by the witness: '// &
-                       trim(merge('column, part of what is asked               ', &
-                                  'no column shows a hundredth of what is asked', any(search%witnessed > 0.01_wp))))
+      if (any(ladder%absolute > 0.0_wp)) then
+        call text%open('absolute', '{')
+        call text%line('  absolute accuracy of columns with a floor, or a range below a thousandth of the largest of their kind:')
         do k = 1, size(names)
-          if (search%witnessed(k) > 0.01_wp) call text%figure('    '//trim(names(k))//' ', trim(names(k)), &
-                                                              search%witnessed(k), 1, rest='')
+          if (ladder%absolute(k) > 0.0_wp) call text%figure('    '//trim(names(k))//' ', trim(names(k)), ladder%absolute(k), 2, &
+                                                            rest='')
         end do
         call text%close()
       end if
-      if (len_trim(search%choice) > 0) call text%line('  choice: '//trim(search%choice))
-      call text%figure('  cost of all passes: ', 'cost', nint(sum(search%passes(1:search%count)%cost), ip), rest='')
-      if (search%over) call text%member('kept', trim(merge('true ', 'false', search%kept)))
-      if (search%delivered > 0) call text%figure('  the results are those of pass ', 'results_of_pass', search%delivered, rest='')
-      if (search%kept) call text%line('  accuracy: kept, by the estimated errors of all columns')
+      if (len_trim(ladder%choice) > 0) call text%line('  choice: '//trim(ladder%choice))
+      call text%figure('  cost of all passes: ', 'cost', nint(sum(ladder%passes(1:ladder%count)%cost), ip), rest='')
+      if (ladder%over) call text%member('kept', trim(merge('true ', 'false', ladder%kept)))
+      if (ladder%over .and. ladder%delivered > 0) then
+        call text%open('not_kept', '[')
+        do k = 1, size(names)
+          if (ladder%apart(k) > 1.0_wp) call text%member('', json_text(trim(names(k))))
+        end do
+        call text%close()
+      end if
+      if (ladder%delivered > 0) call text%figure('  the results are those of pass ', 'results_of_pass', ladder%delivered, rest='')
+      if (ladder%kept) call text%line('  accuracy: kept, the last two passes agree in all columns and events')
       call text%close()
     end associate
-  end subroutine search_lines
+  end subroutine ladder_lines
 
-  !> A pass: its method and setting, what it has cost, how it ended, its error.
-  subroutine pass_line(search, k, names, text)
-    type(pass_search), intent(in) :: search
+  !> A pass: its method and setting, what it has cost, how it ended, what sets the cost of the next one.
+  subroutine pass_line(pass, k, names, text)
+    type(pass_record), intent(in) :: pass
     integer, intent(in) :: k                  !! number of the pass
     character(*), intent(in) :: names(:)      !! of the columns
     type(summary_record), intent(inout) :: text
-    character(*), parameter :: roles(3) = [character(7) :: 'pilot', 'results', 'witness']
     character(*), parameter :: endings(2:3) = [character(10) :: 'given up', 'lost']
-    associate (pass => search%passes(k))
-      call text%open('', '{')
-      call text%figure('  pass '//to_text(k)//', ', 'role', trim(roles(pass%role)))
-      call text%figure(': ', 'method', trim(pass%method))
-      call text%words%add(setting_words(pass))
-      call text%member(trim(merge('step     ', 'tolerance', has_fixed_steps(pass%method))), json_number(pass%setting))
-      if (pass%outcome == under_way) then
-        call text%figure(', expected to cost about ', 'expected_cost', &
-                         nint(min(search%predicted_cost(pass%method, pass%setting), pass%budget), ip))
-      else
-        call text%figure(', cost ', 'cost', nint(pass%cost, ip))
-        call text%member('reached', json_number(pass%reached))
-      end if
-      if (pass%outcome > finished) call text%words%add(', '//trim(endings(pass%outcome))//' at t = '// &
-                                                       short_text(pass%reached, 3)//' s')
-      if (pass%apart >= 0.0_wp) then
-        call text%figure('; '//trim(names(pass%column))//' errs by ', 'worst_error_of_asked', search%error_of(pass), 1)
-        call text%words%add(' of what is asked, by pass '//to_text(pass%other))
-        call text%member('worst_column', json_text(trim(names(pass%column))))
-      else if (pass%role == witness .and. pass%outcome > finished) then
-        call text%words%add(', before its first row: it tells nothing')
-      end if
-      if (pass%differ_at >= 0.0_wp) call text%words%add('; events differ from t = '//short_text(pass%differ_at, 3)//' s on')
-      call text%line('')
-      call text%close()
-    end associate
+    call text%open('', '{')
+    call text%figure('  pass '//to_text(k)//': ', 'method', trim(pass%method))
+    call text%words%add(setting_words(pass))
+    call text%member(trim(merge('step     ', 'tolerance', has_fixed_steps(pass%method))), json_number(pass%setting))
+    if (pass%outcome == under_way) then
+      call text%words%add(', under way')
+    else
+      call text%figure(', cost ', 'cost', nint(pass%cost, ip))
+      call text%member('reached', json_number(pass%reached))
+    end if
+    if (pass%outcome > finished) call text%words%add(', '//trim(endings(pass%outcome))//' at t = '// &
+                                                     short_text(pass%reached, 3)//' s')
+    if (pass%other > 0) then
+      call text%figure('; '//trim(names(pass%column))//' differs by ', 'worst_error_of_asked', pass%apart, 1)
+      call text%words%add(' of what is asked from pass '//to_text(pass%other))
+      call text%member('worst_column', json_text(trim(names(pass%column))))
+    end if
+    if (pass%differ_at >= 0.0_wp) call text%figure('; events differ from t [s] = ', 'events_differ_from', pass%differ_at, 3)
+    call text%line('')
+    call text%close()
   end subroutine pass_line
 
-  !> Why columns may err by more than was asked, and which one errs most.
-  subroutine warn_not_kept(run, search, text)
+  !> Why columns may err by more than was asked, and which: the others keep it.
+  subroutine warn_not_kept(run, march, text)
     type(run_state), intent(in) :: run
-    type(pass_search), intent(in) :: search
+    type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
     character(80), allocatable :: names(:)
     character(:), allocatable :: words
+    integer, parameter :: most = 5            ! columns named
+    integer :: k, n
     names = compared_names(run)
-    words = 'the accuracy is not kept: '//trim(search%reason)
-    associate (pass => search%passes(search%delivered))
+    associate (ladder => march%ladder, pass => march%ladder%passes(march%ladder%delivered))
+      words = 'the accuracy is not kept: '//trim(ladder%reason)
       if (pass%differ_at >= 0.0_wp) words = words//'; events of the last two passes differ from t = '// &
         short_text(pass%differ_at, 6)//' s on'
       if (pass%other == 0) then
-        words = words//'; errors of the results, pass '//to_text(search%delivered)//', are unknown: no other pass was finished'
+        words = words//'; errors of the results, pass '//to_text(ladder%delivered)//', are unknown: no other pass was finished'
       else
-        words = words//'; the worst column of the results, '//trim(names(pass%column))//', errs by an estimated '// &
-          short_text(search%error_of(pass), 1)//' of what is asked'
+        n = 0
+        do k = 1, size(names)
+          if (ladder%apart(k) <= 1.0_wp) cycle
+          n = n + 1
+          if (n <= most) words = words//merge('; ', ', ', n == 1)//trim(names(k))//' errs by an estimated '// &
+            short_text(ladder%apart(k), 1)//' of what is asked'
+        end do
+        if (n > most) words = words//' and '//to_text(n - most)//' more'
+        if (n < size(names) .and. pass%differ_at < 0.0_wp) words = words//'; the other columns keep it'
       end if
     end associate
     call warn(run, words, text)

@@ -2,8 +2,9 @@
 !> column's error: a vibration that is late keeps its energy. The words say so; only a second run speaks of columns.
 module accuracy_words
   use kinds, only: wp
-  use accuracy_search, only: setting_words
+  use accuracy_ladder, only: setting_words
   use balance_words, only: balance_lines, closing_lines
+  use column_ranges, only: column_range
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
   use scene_run, only: run_state, warn
@@ -18,6 +19,7 @@ module accuracy_words
 
   real(wp), parameter :: noticed = 1.0e-2_wp           !! error of a column, of its range [-]
   real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
+  real(wp), parameter :: least_range = 1.0e-3_wp       !! that counts, of the largest one of its kind [-]
   real(wp), parameter, public :: least_part = 0.25_wp  !! of an error that is left to steps beside that of the model [-]
   real(wp), parameter :: converging = 0.5_wp           !! residual of the second run, of the first one's, at most [-]
 
@@ -37,7 +39,7 @@ contains
     call balance_lines(run, march, text)
     if (march%check%active) then
       call error_lines(run, march, text)
-    else if (march%search%active) then
+    else if (march%ladder%active) then
       call text%line('  accuracy: unknown, there is no other pass to compare this one with')
     else
       call text%line('  accuracy: energies bound no error of a column, and a vibration that is late keeps its energy; '// &
@@ -50,24 +52,24 @@ contains
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
-    real(wp), allocatable :: e(:), range(:), x(:), asked(:)
+    real(wp), allocatable :: e(:), range(:), x(:), asked(:)   ! [of the column], x of the range [-]
+    type(column_range) :: seen
     character(80), allocatable :: names(:)
     logical, allocatable :: too_large(:)
     character(:), allocatable :: doubt
-    logical :: within                          ! all rows agree as well as is asked
     integer :: k
     names = compared_names(run)
     associate (c => march%check)
       names = names(:size(c%error))            ! without sensors a second run compares nothing
-      range = c%seen%moved(run%sys%m%s, names, run%d%transient%t_end)
+      seen = march%compared_range()
+      range = seen%moved(run%sys%m%s, names, run%d%transient%t_end)
       e = c%error_ratio*c%error
       asked = spread(huge(1.0_wp), 1, size(e))
-      if (c%stored) asked = asked_errors(run, c)
-      within = c%stored .and. all(e <= asked)
-      if (c%differ_at >= 0.0_wp .and. .not. within) e = c%error_ratio*c%agreed
+      if (c%stored) asked = asked_errors(run, seen)
+      if (c%differ_at >= 0.0_wp) e = c%error_ratio*c%agreed
       if (c%stored) then
-        associate (other => march%search%passes(march%search%stored))
-          call text%line('  estimated errors, by pass '//to_text(march%search%stored)//' ('//trim(other%method)// &
+        associate (other => march%ladder%passes(march%ladder%stored))
+          call text%line('  estimated errors, the difference from pass '//to_text(march%ladder%stored)//' ('//trim(other%method)// &
                          setting_words(other)//'):')
         end associate
       else
@@ -78,7 +80,7 @@ contains
       too_large = e > asked
       if (allocated(run%model_error)) where (asked < huge(1.0_wp)) e = e + run%model_error
       call column_lines('estimated_errors', names, e, range, text, too_large)
-      call event_words(run, c, within, text)
+      call event_words(run, c, text)
       if (c%stored) return
       call text%line('  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
       doubt = doubts(march%balance, c)
@@ -122,48 +124,53 @@ contains
   end subroutine column_lines
 
   !> The error that each column may have beside that of the model [of the column]: the accuracy of its sensor times its range, or
-  !> the sensor's floor; any where a column is constant but for rounding, or counts states or elements.
-  function asked_errors(run, c) result(asked)
+  !> the sensor's floor; any where a column is constant but for rounding, or counts states or elements. A range counts at least a
+  !> thousandth of the largest one of the same quantity and unit: a column that hardly moves beside them shall not set the cost.
+  function asked_errors(run, seen, absolute) result(asked)
     type(run_state), intent(in) :: run
-    type(error_watch), intent(in) :: c
+    type(column_range), intent(in) :: seen
+    real(wp), intent(out), optional :: absolute(:)   !! (columns) that error where the range alone does not set it, else 0 [of it]
     real(wp), allocatable :: asked(:)
-    character(80), allocatable :: names(:)
-    real(wp) :: accuracy                       ! [-]
-    integer :: k, first, last
+    real(wp), allocatable :: range(:)          ! [of the column]
+    character(80), allocatable :: names(:), kind(:)
+    real(wp) :: accuracy, floor, counted       ! [-], [of the column]
+    integer :: k, n
     names = compared_names(run)
-    asked = run%d%transient%accuracy*c%seen%moved(run%sys%m%s, names, run%d%transient%t_end)
-    do k = 1, size(run%list%sensors)
-      first = run%list%first(k)
-      last = run%list%columns
-      if (k < size(run%list%sensors)) last = run%list%first(k + 1) - 1
-      associate (sensor => run%d%sensors(k), x => asked(first:last))
-        accuracy = run%d%transient%accuracy
-        if (sensor%accuracy > 0.0_wp) accuracy = sensor%accuracy
-        where (x > 0.0_wp) x = max(x*accuracy/run%d%transient%accuracy, sensor%floor)
-      end associate
+    range = seen%moved(run%sys%m%s, names, run%d%transient%t_end)
+    kind = names
+    do k = 1, size(names)
+      kind(k) = names(k)(index(names(k), '['):)
+      n = count(run%list%first <= k)           ! its sensor
+      if (n > 0) kind(k) = trim(run%d%sensors(n)%quantity)//kind(k)
     end do
-    where (.not. asked > 0.0_wp .or. index(names, '[-]') > 0) asked = huge(1.0_wp)
+    asked = spread(huge(1.0_wp), 1, size(names))
+    if (present(absolute)) absolute = 0.0_wp
+    do k = 1, size(names)
+      if (.not. range(k) > 0.0_wp .or. index(names(k), '[-]') > 0) cycle
+      accuracy = run%d%transient%accuracy
+      floor = 0.0_wp
+      n = count(run%list%first <= k)
+      if (n > 0) floor = run%d%sensors(n)%floor
+      if (n > 0) accuracy = merge(run%d%sensors(n)%accuracy, accuracy, run%d%sensors(n)%accuracy > 0.0_wp)
+      counted = max(range(k), least_range*maxval(range, kind == kind(k)))
+      asked(k) = max(accuracy*counted, floor)
+      if (present(absolute) .and. asked(k) > accuracy*range(k)) absolute(k) = asked(k)
+    end do
     if (allocated(run%model_error)) where (asked < huge(1.0_wp)) asked = max(asked - run%model_error, least_part*asked)
   end function asked_errors
 
   !> How well the times of events are known, and up to when the sequences of both runs agree.
-  subroutine event_words(run, c, within, text)
+  subroutine event_words(run, c, text)
     type(run_state), intent(in) :: run
     type(error_watch), intent(in) :: c
-    logical, intent(in) :: within              !! all rows agree as well as is asked
     type(summary_record), intent(inout) :: text
-    character(:), allocatable :: from
     if (run%sys%roots == 0) return
     call text%figure('  events of both runs: ', 'events_compared', c%matched)
     call text%figure(', their times err by an estimated ', 'event_time_error', c%error_ratio*c%event_error, 2, rest=' s at most')
     if (c%differ_at < 0.0_wp) return
     call text%member('events_differ_from', json_number(c%differ_at))
-    from = 'from t = '//short_text(c%differ_at, 6)//' s on the event sequences of both runs differ'
-    if (within) then
-      call text%line('  '//from//', but their rows agree as is asked')
-    else
-      call warn(run, from//': rows beyond are not predictable, and their errors not estimated', text)
-    end if
+    call warn(run, 'from t = '//short_text(c%differ_at, 6)//' s on the event sequences of both runs differ: rows beyond are '// &
+              'not predictable, and their errors not estimated', text)
   end subroutine event_words
 
   !> Why the estimate may be too small; empty: no reason. A vibration that both runs damp away is missing in both: the second

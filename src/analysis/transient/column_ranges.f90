@@ -34,8 +34,11 @@ contains
   pure subroutine note(self, values)
     class(column_range), intent(inout) :: self
     real(wp), intent(in) :: values(:)         !! (columns) [of the column]
-    self%low = min(self%low, values)
-    self%high = max(self%high, values)
+    integer :: k
+    do k = 1, size(values)
+      if (values(k) < self%low(k)) self%low(k) = values(k)
+      if (values(k) > self%high(k)) self%high(k) = values(k)
+    end do
   end subroutine note
 
   !> By how much each column moved; zero where that is rounding, beside the largest value of its kind [of the column].

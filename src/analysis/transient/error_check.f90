@@ -8,14 +8,12 @@
 module error_check
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use column_ranges, only: column_range
   use choose_stepper, only: make_stepper, method_order
   use deck_records, only: transient_record
   use energy_balance, only: balance_watch
   use mechanism_ode, only: mechanism_system
   use sensors, only: sensor_list, read_sensors
   use step_counts, only: actual_step
-  use stored_pass, only: pass_rows
   use switching, only: event_list, switch_event
   use time_stepper, only: stepper, reached, lost
   implicit none (type, external)
@@ -34,7 +32,6 @@ module error_check
     real(wp), allocatable :: y(:)             !! (ny) state at its last row [m, rad], [m/s, rad/s], [J]
     real(wp), allocatable :: values(:)        !! (columns) of that row [of the column]
     real(wp), allocatable :: error(:)         !! (columns) largest difference so far [of the column]
-    type(column_range) :: seen                !! values of the first run
     real(wp) :: error_ratio = 1.0_wp               !! error of the first run over the difference [-]
     integer(ip) :: done = -1                  !! rows done after that of t = 0
     real(wp) :: lost_at = -1.0_wp             !! time at which the second run was lost, < 0: it is not [s]
@@ -88,23 +85,17 @@ contains
     call make_stepper(finer, sys%m%s, fastest, self%method)
     self%y = y
     allocate (self%values(columns), self%error(columns), self%agreed(columns), source=0.0_wp)
-    call self%seen%begin(columns)
     call self%method%begin(self%sys, 0.0_wp, y)
     call self%balance%begin(self%sys%m, r%t_end)
   end subroutine begin
 
-  !> A pass is compared with another one. One that does not go to the end takes its ranges from that.
-  pure subroutine begin_stored(self, rows, part)
+  !> A pass is compared with the rows of another one.
+  pure subroutine begin_stored(self, columns)
     class(error_watch), intent(inout) :: self
-    type(pass_rows), intent(in) :: rows       !! of the other one
-    logical, intent(in) :: part               !! the pass need not go to the end
-    integer :: columns
-    columns = size(rows%values, 1)
+    integer, intent(in) :: columns
     self%active = .true.
     self%stored = .true.
     allocate (self%values(columns), self%error(columns), self%agreed(columns), source=0.0_wp)
-    call self%seen%begin(columns)
-    if (part) self%seen = column_range(minval(rows%values, 2), maxval(rows%values, 2))
   end subroutine begin_stored
 
   !> The row of t = 0, which both runs share.
@@ -113,7 +104,6 @@ contains
     real(wp), intent(in) :: values(:)         !! (columns) [of the column]
     type(balance_watch), intent(in) :: balance
     self%values = values
-    call self%seen%note(values)
     self%balance = balance
     self%done = 0
   end subroutine start
@@ -194,13 +184,11 @@ contains
     end associate
   end subroutine match_events
 
-  !> Compares a row of the first run with that of the second. A pass is compared to its end: where motion is damped it may come
-  !> closer than its events, of which small vibrations can make others.
+  !> Compares a row of the first run with that of the second, also beyond events that differ: a finer pass may come closer.
   subroutine compare(self, values)
     class(error_watch), intent(inout) :: self
     real(wp), intent(in) :: values(:)         !! (columns) [of the column]
     if (.not. self%active) return
-    call self%seen%note(values)
     if (self%lost_at >= 0.0_wp .or. (self%between .and. self%differ_at < 0.0_wp)) return
     self%error = max(self%error, abs(values - self%values))
     if (self%differ_at < 0.0_wp) self%agreed = self%error
@@ -212,7 +200,6 @@ contains
     type(value_archive), intent(inout) :: a
     if (.not. self%active) return
     call a%exchange(self%error, self%agreed)
-    call self%seen%exchange(a)
     call self%waiting%exchange(a)
     call self%others%exchange(a)
     call a%exchange(self%matched)

@@ -2,8 +2,9 @@
 !> tolerance, one of a better model, tell what the other model makes each column err (theory.md, section 12).
 module model_pilot
   use kinds, only: wp, ip
-  use accuracy_search, only: member, pass_record, pass_search, smallest_accuracy
+  use accuracy_ladder, only: smallest_accuracy
   use accuracy_words, only: asked_errors
+  use column_ranges, only: column_range
   use deck_records, only: deck
   use errors, only: failure, fault_list, status_failed, status_signal
   use force_element, only: stage_transient
@@ -77,14 +78,18 @@ contains
     type(transient_march) :: march
     type(fault_list) :: faults
     type(summary_record) :: unread
+    type(column_range) :: seen
     run%d = d
     run%folder = ''
     run%quiet = .true.
-    march%search = pass_search(active=.true., of_model=.true., began=self%began, count=1)
-    march%search%passes(1) = pass_record(member, method='radau', setting=self%tolerance)
+    run%began = self%began
+    march%pilot = .true.
     associate (r => run%d%transient)
-      call march%search%set(r)
+      r%method = 'radau'
+      r%adaptive = .true.
+      r%tolerance = self%tolerance
       r%first_step = 0.0_wp
+      r%max_step = 0.0_wp
       r%check_error = .false.
       r%checkpoint_interval = 0.0_wp
       r%motion_step = 0.0_wp
@@ -99,28 +104,26 @@ contains
     if (fail%happened()) return
     run%sys%options%stage = stage_transient
     found%names = compared_names(run)
-    associate (search => march%search)
-      search%passes(1)%budget = (most_work - self%work)/run%sys%m%s%ny
-      if (present(reference)) then
-        search%rows = reference%rows
-        search%stored = 1
-      else
-        allocate (search%rows%values(size(found%names), 0:step_count(0.0_wp, d%transient%t_end, d%transient%output_step)))
-      end if
-      call run_transient(run, march, fail)
-      self%cost = self%cost + march%cost(run)
-      self%work = self%work + march%cost(run)*run%sys%m%s%ny
-      self%over = march%stopped .or. fail%status > status_signal
-      if (march%stopped) call fail%raise(status_failed, trim(merge( &
-        'pilots have cost 1e9 explicit evaluations times unknowns', 'most_seconds ended the pilots                           ', &
-        march%cost(run) > search%passes(1)%budget)))
-      if (fail%happened()) return
-      call search%rows%turn()
-      found%rows = search%rows
-    end associate
+    march%budget = (most_work - self%work)/run%sys%m%s%ny
+    if (present(reference)) then
+      march%rows = reference%rows
+    else
+      allocate (march%rows%values(size(found%names), 0:step_count(0.0_wp, d%transient%t_end, d%transient%output_step)))
+    end if
+    call run_transient(run, march, fail)
+    self%cost = self%cost + march%cost(run)
+    self%work = self%work + march%cost(run)*run%sys%m%s%ny
+    self%over = march%stopped .or. fail%status > status_signal
+    if (march%stopped) call fail%raise(status_failed, trim(merge( &
+      'pilots have cost 1e9 explicit evaluations times unknowns', 'most_seconds ended the pilots                           ', &
+      march%cost(run) > march%budget)))
+    if (fail%happened()) return
+    call march%rows%turn()
+    found%rows = march%rows
     if (.not. present(reference)) return
     found%error = self%factor*march%check%error
-    found%range = march%check%seen%moved(run%sys%m%s, found%names, d%transient%t_end)
-    found%asked = asked_errors(run, march%check)
+    seen = march%compared_range()
+    found%range = seen%moved(run%sys%m%s, found%names, d%transient%t_end)
+    found%asked = asked_errors(run, seen)
   end subroutine run_pilot
 end module model_pilot

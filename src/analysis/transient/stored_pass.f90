@@ -17,6 +17,7 @@ module stored_pass
     type(event_list) :: events                !! of that pass
     type(event_list) :: present               !! of the pass under way
     integer :: given = 0                      !! events of that pass up to the last row that was read
+    logical :: filled = .false.               !! there is such a pass
   contains
     procedure :: recall
     procedure :: keep
@@ -78,22 +79,26 @@ contains
     class(pass_rows), intent(inout) :: self
     self%events = self%present
     call self%forget()
+    self%filled = .true.
   end subroutine turn
 
-  !> The pass under way is over.
+  !> The pass under way is over: its rows stand over those of the one before.
   subroutine forget(self)
     class(pass_rows), intent(inout) :: self
     self%present%count = 0
     self%given = 0
+    self%filled = .false.
   end subroutine forget
 
   !> Saves or restores all of it.
   subroutine exchange(self, a)
     class(pass_rows), intent(inout) :: self
     type(value_archive), intent(inout) :: a
+    if (.not. allocated(self%values)) return
     call a%exchange(self%values)
     call self%events%exchange(a)
     call self%present%exchange(a)
     call a%exchange(self%given)
+    call a%exchange(self%filled)
   end subroutine exchange
 end module stored_pass

@@ -2,7 +2,7 @@
 !> good time when the solution is lost or a signal comes.
 module transient
   use kinds, only: wp, ip
-  use accuracy_search, only: pass_search, witness
+  use accuracy_ladder, only: pass_ladder
   use archive, only: value_archive
   use checkpoint, only: write_checkpoint
   use column_ranges, only: column_range
@@ -11,7 +11,6 @@ module transient
   use error_check, only: error_watch
   use error_groups, only: group_unknowns, out_of_shape
   use errors, only: failure, status_ok, status_failed, status_bad_input, status_signal
-  use followed_vibration, only: vibration_watch
   use force_scale, only: largest_force
   use linear_state, only: refuse_uneven
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
@@ -23,7 +22,7 @@ module transient
   use run_summary, only: announce
   use scene_run, only: run_state, no_output
   use sensors, only: read_sensors
-  use stored_pass, only: compared_names, compared_row
+  use stored_pass, only: compared_row, pass_rows
   use step_control, only: error_norm
   use step_counts, only: actual_step, step_count
   use text, only: es_text, to_text
@@ -47,11 +46,14 @@ module transient
     real(wp) :: last = 0.0_wp                  !! time of the last row [s]
     real(wp) :: saved = 0.0_wp                 !! time of the last checkpoint [s]
     integer :: restarts = 0
-    type(pass_search) :: search                !! of method and steps, where the deck asks for an accuracy
-    logical :: stopped = .false.               !! the search has given this pass up
-    type(vibration_watch) :: vibration         !! that steps follow without need; used where no accuracy is asked for
+    type(pass_ladder) :: ladder                !! where the deck asks for an accuracy
+    type(pass_rows) :: rows                    !! of a run that is compared with another one
+    logical :: pilot = .false.                 !! a question about the model: no files, no checkpoint
+    real(wp) :: budget = huge(1.0_wp)          !! cost at which the run is given up, in explicit evaluations [-]
+    logical :: stopped = .false.               !! it was
   contains
     procedure :: cost
+    procedure :: compared_range
     procedure :: exchange
   end type transient_march
 
@@ -70,9 +72,9 @@ contains
     else
       call start_run(run, march, fail)
     end if
-    if (march%search%active .and. any(fail%status == [status_ok, status_failed])) call name_last_pass(run, march, fail)
+    if (march%ladder%active .and. any(fail%status == [status_ok, status_failed])) call name_last_pass(run, march, fail)
     if (.not. fail%happened()) then
-      call line%begin(run%quiet)
+      call line%begin(run%quiet, march%ladder%words())
       do while (march%done < march%outputs)
         call one_output(run, march, fail)
         if (fail%happened() .or. march%stopped) exit
@@ -109,13 +111,10 @@ contains
       run%sys%output_step = r%output_step
       call run%sys%start_switching(0.0_wp, run%y)
       call march%method%begin(run%sys, 0.0_wp, run%y)
-      if (march%search%active) march%files%suffix = pass_suffix(march%search%count)
-      associate (search => march%search)
-        if (search%stored > 0) call march%check%begin_stored(search%rows, search%passes(search%count)%role == witness)
-      end associate
+      if (march%ladder%active) march%files%suffix = pass_suffix(march%ladder%count)
+      if (march%rows%filled) call march%check%begin_stored(size(march%rows%values, 1))
       if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
                                                   run%list%columns)
-      if (r%adaptive .and. .not. march%search%active) call march%vibration%begin(size(compared_names(run)))
     end associate
   end subroutine prepare
 
@@ -127,7 +126,7 @@ contains
     call march%files%open(run%folder, run%d%name, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
     if (march%files%failed()) call no_output(run, fail)
     if (.not. fail%happened()) call write_state(run, march, 0.0_wp, 0_ip, fail)
-    if (fail%happened() .or. .not. march%search%active) return
+    if (fail%happened() .or. .not. march%ladder%active) return
     if (run%d%transient%checkpoint_interval > 0.0_wp .or. march%restarts > 0) call save(run, march, fail)
   end subroutine start_run
 
@@ -138,8 +137,8 @@ contains
     type(transient_march), intent(in) :: march
     type(failure), intent(inout) :: fail
     logical :: ok
-    associate (last => march%search%count - 1)
-      if (last == 0 .or. march%search%delivered /= last) return
+    associate (last => march%ladder%count - 1)
+      if (last == 0 .or. march%ladder%delivered /= last) return
       call march%files%publish(run%folder, pass_suffix(last), ok)
       if (.not. ok) call no_output(run, fail)
     end associate
@@ -158,8 +157,8 @@ contains
     end if
     march%restarts = march%restarts + 1
     delivered = ''
-    associate (last => march%search%count - 1)
-      if (last > 0 .and. march%search%delivered == last) delivered = pass_suffix(last)
+    associate (last => march%ladder%count - 1)
+      if (last > 0 .and. march%ladder%delivered == last) delivered = pass_suffix(last)
     end associate
     call march%files%resume(run%folder, delivered, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
     if (march%files%incomplete) then
@@ -190,7 +189,8 @@ contains
       outcome = paused
       do while (outcome == paused)
         call one_portion(run, march, from, to, outcome)
-        if (march%search%active) march%stopped = march%search%spent(march%cost(run), march%method%t, r%most_seconds)
+        if (march%pilot .or. march%ladder%active) march%stopped = march%cost(run) > march%budget .or. &
+          (run%late() .and. (march%pilot .or. march%ladder%delivered > 0))
         if (march%stopped .and. outcome == paused) return
         if (outcome == paused) call interrupt(run, march, fail)
         if (fail%happened()) return
@@ -219,9 +219,7 @@ contains
     associate (monitor => run%monitor, method => march%method)
       most = steps_per_call
       if (monitor%active) most = int(min(int(most, ip), monitor%next - method%steps))
-      call march%vibration%limit(method%steps, most)
       call method%advance(run%sys, from, to, most, run%y, outcome)
-      if (outcome == paused) call march%vibration%look(run, method)
       if (outcome == lost .or. .not. monitor%active) return
       if (method%steps == monitor%next) call monitor%look(run%sys%m, run%sys%ev, run%sys%ev%t, method%steps)
     end associate
@@ -243,8 +241,7 @@ contains
       if (fail%happened()) return
       call march%balance%count(march%method%steps)
       call march%seen%note(files%values)
-      if (march%vibration%active .and. run%list%columns > 0) call march%vibration%seen%note(files%values)
-      if (march%search%active) then
+      if (allocated(march%rows%values)) then
         call compare_pass(run, march, t, k)
       else
         if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance)
@@ -271,11 +268,11 @@ contains
     integer(ip), intent(in) :: k               !! number of the row
     real(wp), allocatable :: x(:)              ! the row [of the column]
     x = compared_row(run, run%y, march%files%values)
-    associate (search => march%search, c => march%check)
-      if (c%active) call search%rows%recall(k, t, c%values, c%others)
-      call march%check%match_events(run%sys%events, march%last)
-      call march%check%compare(x)
-      if (search%passes(search%count)%role /= witness) call search%rows%keep(k, x, run%sys%events)
+    associate (c => march%check)
+      if (c%active) call march%rows%recall(k, t, c%values, c%others)
+      call c%match_events(run%sys%events, march%last)
+      call c%compare(x)
+      call march%rows%keep(k, x, run%sys%events)
     end associate
   end subroutine compare_pass
 
@@ -285,6 +282,13 @@ contains
     type(run_state), intent(in) :: run
     cost = run%sys%ev%evaluations + self%method%implicit_work()   ! [-]
   end function cost
+
+  !> Smallest and largest values of the columns that are compared.
+  pure type(column_range) function compared_range(self) result(seen)
+    class(transient_march), intent(in) :: self
+    seen = self%seen
+    if (allocated(self%rows%values)) seen = column_range(minval(self%rows%values, 2), maxval(self%rows%values, 2))
+  end function compared_range
 
   !> The energy that the largest force of the start could give the whole mass until the next row. From rest there is no other scale
   !> that separates a first row with a large error from a lost one.
@@ -327,7 +331,7 @@ contains
     due = run%d%transient%checkpoint_interval > 0.0_wp
     if (due) due = march%method%t >= march%saved + run%d%transient%checkpoint_interval
     if (.not. (due .or. signal > 0)) return
-    if (march%search%of_model) then
+    if (march%pilot) then
       call fail%raise(status_signal + signal, 'a signal stopped a pilot')
       return
     end if
@@ -350,7 +354,8 @@ contains
       march%saved = march%method%t
       call a%begin_saving()
       if (run%model_found) call run%exchange_model(a)
-      call march%search%exchange(a)
+      call march%ladder%exchange(a)
+      call march%rows%exchange(a)
       call march%exchange(run, a)
       call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)
     end if
@@ -376,7 +381,6 @@ contains
     call self%check%exchange(a)
     call run%watch%exchange(a)
     call run%monitor%exchange(a)
-    call self%vibration%exchange(a)
     call a%exchange(run%sys%ev%evaluations)
     call a%exchange(run%sys%ev%solves)
     call a%exchange(run%sys%ev%factorisations)

@@ -51,7 +51,6 @@ contains
         call text%figure(' s (estimates: ', 'bound_estimates', run%monitor%estimates, rest=')')
         if (.not. r%adaptive) call compare_step(run, text)
       end if
-      call march%vibration%lines(run, text)
       if (r%motion_step > 0.0_wp) call motion_interval(run, text)
     end associate
     call still_lines(run, march, text)

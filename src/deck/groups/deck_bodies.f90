@@ -23,7 +23,8 @@ contains
       'expected another one')
     b%velocity_stated = deck%is_set('velocity')
     b%angular_velocity_stated = deck%is_set('angular_velocity')
-    if (b%auto_elements) b%elements = 1     ! until all places on it are known
+    if (deck%peek('elements') == 'auto') call deck%complain('elements', 'elements=''auto'' has been removed, expected a '// &
+      'number: post/tradeoff.py finds how many a deck needs, check_mesh=.true. in &transient tells the error of a mesh')
     call check_frame_elements()
     if (deck%is_choice('beam') .and. deck%is_set('elements')) b%nodes = b%elements + 1
     if (.not. deck%is_given('element_material')) call deck%need('material')
@@ -65,11 +66,7 @@ contains
         if (.not. each) expected = '1 or '//expected
         if (deck%is_choice('beam') .and. .not. each) expected = '1 for a beam'
         good = (n == 1 .and. .not. each) .or. (n == b%elements .and. (each .or. deck%is_choice('frame')))
-        if (each .and. b%auto_elements) then
-          call deck%complain(name, name//' with elements=''auto'', whose elements have no numbers, expected material')
-        else if (.not. good) then
-          call deck%complain(name, name//' has '//counted(n)//', expected '//expected)
-        end if
+        if (.not. good) call deck%complain(name, name//' has '//counted(n)//', expected '//expected)
       end if
       if (n == 1 .and. good) numbers = spread(numbers(1), 1, b%elements)
       if (size(numbers) /= b%elements) numbers = spread(0, 1, b%elements)

@@ -126,11 +126,6 @@ contains
       call deck%need('reference_dof', '''u'', ''v'' or ''r'' for every '// &
         'reference_node')
       call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
-      if (b%auto_elements .and. any(abs(b%reference_node) /= 1)) then
-        call deck%complain('reference_node', 'reference_node with elements=''auto'', whose nodes have no numbers but 1 and -1 '// &
-          '(the last), expected these')
-        return
-      end if
       where (b%reference_node == -1) b%reference_node = b%nodes
       faulty = 0
       do k = 1, size(b%reference_node)

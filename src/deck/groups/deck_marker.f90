@@ -61,13 +61,6 @@ contains
         else if (deck%is_given('at'//suffix)) then
           if (deck%is_set('at'//suffix)) call check_share(b)
         else if (deck%is_set('node'//suffix)) then
-          if (b%auto_elements .and. node /= 0 .and. abs(node) /= 1) then
-            call deck%complain('node'//suffix, 'node'//suffix//'='//to_text(node)//' of '//body_text(d, marker%body)// &
-              ' with elements=''auto'', whose nodes have no numbers but 1 and -1 (the last), expected at'//suffix// &
-              '=0 to 1, a share of its length')
-            return
-          end if
-          if (b%auto_elements .and. node /= 0) marker%share = merge(0.0_wp, 1.0_wp, node == 1)
           marker%node = node
           if (node == -1) marker%node = b%nodes
           if (node > b%nodes .or. node < -1 .or. (node == 0 .and. .not. frame)) call deck%complain('node'//suffix, &
@@ -78,7 +71,7 @@ contains
       end associate
     end subroutine check_node
 
-    !> A place given by its share of the length is a node: the mesh of elements='auto' has one wherever a place is.
+    !> A place given by its share of the length is a node.
     subroutine check_share(b)
       type(body_record), intent(in) :: b
       real(wp) :: whole                      ! elements up to there [-]
@@ -90,16 +83,12 @@ contains
       else if (b%kind /= 'beam') then
         call deck%complain('at'//suffix, 'at'//suffix//' is a share of the length of a beam and does not apply to '// &
           body_text(d, marker%body)//', expected node'//suffix)
-      else if (b%auto_elements) then
-        marker%share = share
-        if (share <= 0.0_wp) marker%node = 1
-        if (share > 0.0_wp) marker%node = 2
       else
         whole = share*b%elements
         marker%node = 1 + nint(whole)
         if (abs(whole - nint(whole)) > 1.0e-9_wp*b%elements) call deck%complain('at'//suffix, 'at'//suffix//'='// &
           to_text(share)//' is no node of '//body_text(d, marker%body)//' with elements='//to_text(b%elements)// &
-          ', expected a multiple of 1/'//to_text(b%elements)//', or elements=''auto''')
+          ', expected a multiple of 1/'//to_text(b%elements))
       end if
     end subroutine check_share
   end subroutine check_marker
@@ -144,7 +133,7 @@ contains
       if (.not. deck%body_known(a%body)) return
       marker = 'on '//body_text(d, a%body)
       if (d%bodies(a%body)%kind /= 'rigid') then
-        if (a%node /= b%node .or. abs(a%share - b%share) > 0.0_wp .or. .not. deck%is_clean()) return
+        if (a%node /= b%node .or. .not. deck%is_clean()) return
         marker = 'node '//to_text(a%node)//' of '//body_text(d, a%body)
         if (a%node == 0) marker = 'the frame of '//body_text(d, a%body)
       end if

@@ -9,7 +9,7 @@ module deck_parts
   type, public :: marker_record
     integer :: body = 0                      !! 0: ground
     integer :: node = 0                      !! positive (-1 already resolved); 0: a point, or the body's frame itself
-    real(wp) :: share = -1.0_wp              !! where the node is, of the length of a beam with elements='auto'; -1: not stated [-]
+    real(wp) :: share = -1.0_wp              !! `at` as it is read, of the length of a beam; -1: not given [-]
     real(wp) :: point(2) = 0.0_wp            !! in body axes [m]; 0 where a node is named
   end type marker_record
 

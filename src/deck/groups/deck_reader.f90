@@ -255,23 +255,18 @@ contains
     subroutine check_reduction()
       integer :: k
       do k = 1, size(d%bodies)
-        if ((d%bodies(k)%auto_modes .or. d%bodies(k)%auto_elements) .and. .not. d%transient%accuracy > 0.0_wp) call &
-          d%bodies(k)%at%blame(source%faults, trim(merge('modes=''auto''   ', 'elements=''auto''', d%bodies(k)%auto_modes))// &
-          ' is found by what keeps the accuracy of a transient, expected &transient with accuracy')
-        if (d%bodies(k)%auto_elements .and. size(d%sensors) == 0) call d%bodies(k)%at%blame(source%faults, &
-          'elements=''auto'' keeps the accuracy of the columns of sensors, expected a &sensor')
+        if (d%bodies(k)%auto_modes .and. .not. d%transient%accuracy > 0.0_wp) call d%bodies(k)%at%blame(source%faults, &
+          'modes=''auto'' is found by what keeps the accuracy of a transient, expected &transient with accuracy')
       end do
       if (d%transient%check_reduction .and. .not. any(d%bodies%modes > 0)) call d%transient%at%blame(source%faults, &
         'check_reduction=.true. estimates the error of a given number of modes, expected a body with modes > 0')
-      if (d%transient%check_mesh .and. .not. any(d%bodies%kind == 'beam' .and. .not. d%bodies%auto_elements)) call &
-        d%transient%at%blame(source%faults, 'check_mesh=.true. estimates the error of a given number of elements, expected a '// &
-        'beam with such')
+      if (d%transient%check_mesh .and. .not. any(d%bodies%kind == 'beam')) call d%transient%at%blame(source%faults, &
+        'check_mesh=.true. estimates the error of a number of elements, expected a beam')
       do k = 1, size(d%sensors)
         if (all(d%sensors(k)%quantity /= ['coordinate', 'internal  ']) .or. d%sensors(k)%marker%body == 0) cycle
         associate (b => d%bodies(d%sensors(k)%marker%body))
-          if (b%auto_elements .or. (d%transient%check_mesh .and. b%kind == 'beam')) call d%sensors(k)%at%blame(source%faults, &
-            'quantity='//quoted(trim(d%sensors(k)%quantity))//' means another thing in each mesh, expected it without '// &
-            trim(merge('elements=''auto''', 'check_mesh     ', b%auto_elements)))
+          if (d%transient%check_mesh .and. b%kind == 'beam') call d%sensors(k)%at%blame(source%faults, 'quantity='// &
+            quoted(trim(d%sensors(k)%quantity))//' means another thing in each mesh, expected it without check_mesh')
           if (d%sensors(k)%quantity == 'internal') cycle
           if (b%auto_modes .or. (b%modes > 0 .and. d%transient%check_reduction)) call d%sensors(k)%at%blame(source%faults, &
             'quantity=''coordinate'' of a mode has nothing to be compared with in nodal coordinates, expected it without '// &

@@ -23,8 +23,6 @@ module deck_records
   type, extends(body_values), public :: body_record
     logical :: velocity_stated = .false.
     logical :: angular_velocity_stated = .false.
-    integer :: mesh_level = 0                !! elements='auto': elements of the longest way between two places, 0: not set
-    real(wp), allocatable :: stations(:)     !! beam: where its nodes are, of its length, if not at equal distances [-]
     integer :: nodes = 0                     !! beam and frame: number of nodes; rigid: 0
     integer, allocatable :: element_nodes(:, :)   !! frame: (2, elements)
   end type body_record

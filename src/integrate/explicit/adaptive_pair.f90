@@ -50,7 +50,6 @@ module adaptive_pair
     procedure :: accept_step
     procedure :: restart
     procedure :: output_state
-    procedure :: limiting_error
     procedure :: exchange
   end type adaptive_stepper
 
@@ -117,17 +116,6 @@ contains
       call system%derivative(to, y, .true., self%error)
     end if
   end subroutine output_state
-
-  !> The state, and the error of an unknown's derivative, which shows vibrations first; unknown = 0: that with the largest error.
-  subroutine limiting_error(self, y, unknown, error)
-    class(adaptive_stepper), intent(in) :: self
-    real(wp), intent(inout) :: y(:)           !! (n) [unit]
-    integer, intent(inout) :: unknown
-    real(wp), intent(inout) :: error          !! [unit/s]
-    y = self%y
-    if (unknown == 0) unknown = self%norm%worst(self%slope, .true.)
-    if (unknown > 0) error = self%error(unknown)
-  end subroutine limiting_error
 
   !> Tries a step of the size that the last error asks for, or passes an event.
   subroutine attempt(self, system, from, to)

@@ -47,7 +47,6 @@ module radau_stepper
     procedure :: take_step
     procedure :: pack_state
     procedure :: interpolate
-    procedure :: limiting_error
     procedure :: report_work
     procedure :: implicit_work
     procedure :: exchange
@@ -337,17 +336,6 @@ contains
       end do
     end associate
   end subroutine interpolate
-
-  !> The state, and the error of an unknown; unknown = 0: that with the largest error.
-  subroutine limiting_error(self, y, unknown, error)
-    class(radau_march), intent(in) :: self
-    real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
-    integer, intent(inout) :: unknown
-    real(wp), intent(inout) :: error          !! [unit of that unknown]
-    y = self%y
-    if (unknown == 0) unknown = self%norm%worst(self%stages%work%e, .false.)
-    if (unknown > 0) error = self%stages%work%e(unknown)
-  end subroutine limiting_error
 
   !> Processor time of a residual with its share of the matrices is 2.2 times that of an explicit evaluation, as the median of 24
   !> random scenes (1.4 to 3.2; `make bench`).

@@ -1,0 +1,262 @@
+!> The ladder of passes that keeps the accuracy of a deck (theory.md, section 12): one method, each pass with a tenth of the
+!> tolerance or half the step of the one before, until two agree. Counts decide, never clocks, so that a deck always makes the
+!> same passes.
+module accuracy_ladder
+  use kinds, only: wp, ip
+  use archive, only: value_archive
+  use deck_records, only: deck, transient_record
+  use step_counts, only: actual_step
+  use summary_text, only: summary_record
+  use text, only: es_text, to_text
+  implicit none (type, external)
+  private
+  public :: has_fixed_steps, setting_words, smallest_accuracy
+
+  !> How a pass ended.
+  integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
+
+  integer, parameter :: most_passes = 16
+  real(wp), parameter :: most_slow = 3.0_wp    !! comparisons in a row whose difference is not halved: it does not converge [-]
+  real(wp), parameter :: finer = 0.1_wp        !! tolerance of a pass, of that of the one before [-]
+  real(wp), parameter :: coarsest = 1.0e-2_wp, least = 1.0e-13_wp   !! tolerances [-]
+  real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5 with its projection [-]
+
+  !> A pass: what it is to be, and what it has shown. The checkpoint keeps its words.
+  type, public :: pass_record
+    integer :: outcome = under_way
+    character(24) :: method = ''
+    real(wp) :: setting = 0.0_wp              !! tolerance [-], of methods of fixed steps the step [s]
+    real(wp) :: budget = huge(1.0_wp)         !! cost at which it is given up [-]
+    real(wp) :: cost = 0.0_wp                 !! in explicit evaluations [-]
+    real(wp) :: reached = 0.0_wp              !! [s]
+    real(wp) :: mean_step = 0.0_wp            !! [s]
+    real(wp) :: apart = -1.0_wp               !! largest difference from the other pass over what is asked, < 0: not known [-]
+    real(wp) :: differ_at = -1.0_wp           !! when the event sequences of both differ, < 0: they do not [s]
+    integer :: other = 0                      !! pass with which it was compared, 0: none
+    integer :: column = 0                     !! with the largest difference
+  end type pass_record
+
+  !> A ladder.
+  type, public :: pass_ladder
+    logical :: active = .false.
+    logical :: over = .false.
+    logical :: kept = .false.                 !! the accuracy is
+    integer :: count = 0                      !! passes, with the one under way
+    type(pass_record) :: passes(most_passes)
+    integer :: stored = 0                     !! pass whose rows are stored, 0: none
+    integer :: delivered = 0                  !! pass whose files have their names, 0: none
+    character(160) :: choice = ''             !! why the method
+    character(96) :: because = ''             !! of which column the pass under way is made
+    character(160) :: reason = ''             !! why the accuracy is not kept
+    real(wp), allocatable :: apart(:)         !! (columns, then events) last difference over what is asked [-]
+    real(wp), allocatable :: slow(:)          !! how many times in a row it was not halved [-]
+    real(wp), allocatable :: absolute(:)      !! (columns) asked where the range alone does not set it, else 0 [of the column]
+    type(summary_record) :: found             !! what the summary says of the pass that is delivered
+    type(transient_record), private :: asked  !! the deck's
+    real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
+    real(wp), private :: first_step = 0.0_wp  !! of a method of fixed steps [s]
+  contains
+    procedure :: begin
+    procedure :: set
+    procedure :: judge
+    procedure :: words
+    procedure :: exchange
+  end type pass_ladder
+
+contains
+
+  !> The first pass. Radau runs first where anything vibrates; it is given up where dopri5 at its stable step costs less. Where
+  !> stops yield, that step is not known before they touch.
+  subroutine begin(self, d, bounds, columns)
+    class(pass_ladder), intent(inout) :: self
+    type(deck), intent(in) :: d
+    real(wp), intent(in) :: bounds(2)         !! stable steps of rk4 and dopri5; huge: nothing limits them [s]
+    integer, intent(in) :: columns            !! that are compared
+    logical :: yielding
+    self%active = .true.
+    self%asked = d%transient
+    self%accuracy = smallest_accuracy(d)
+    allocate (self%apart(columns + 1), source=huge(1.0_wp))
+    allocate (self%slow(columns + 1), source=0.0_wp)
+    allocate (self%absolute(columns), source=0.0_wp)
+    associate (r => d%transient)
+      self%first_step = r%output_step
+      if (r%method == 'rk4') self%first_step = actual_step(r%output_step, min(bounds(1), r%output_step))
+      yielding = .not. all(d%stops%rigid)
+      if (.not. r%free_method) then
+        call take_method(self, r%method, '')
+      else if (bounds(2) < huge(1.0_wp) .or. yielding) then
+        call take_method(self, 'radau', 'radau resolves the motion in half the evaluations of dopri5 at its stable step')
+        if (yielding) self%choice = 'stops that yield may limit the steps of dopri5'
+        if (.not. yielding) self%passes(1)%budget = 0.5_wp*step_evaluations*r%t_end/bounds(2)
+      else
+        call take_method(self, 'dopri5', 'nothing limits steps of dopri5 but accuracy')
+      end if
+    end associate
+  end subroutine begin
+
+  !> The smallest accuracy that a deck asks of its columns.
+  pure real(wp) function smallest_accuracy(d) result(accuracy)
+    type(deck), intent(in) :: d
+    accuracy = d%transient%accuracy           ! [-]
+    if (size(d%sensors) > 0) accuracy = minval(merge(d%sensors%accuracy, accuracy, d%sensors%accuracy > 0.0_wp))
+  end function smallest_accuracy
+
+  !> Whether a method is refined by its step, not by a tolerance.
+  pure logical function has_fixed_steps(method) result(yes)
+    character(*), intent(in) :: method
+    yes = method == 'rk4' .or. method == 'generalized_alpha'
+  end function has_fixed_steps
+
+  !> Setting of a pass.
+  function setting_words(pass) result(words)
+    type(pass_record), intent(in) :: pass
+    character(:), allocatable :: words
+    words = ', tolerance '//to_text(pass%setting)
+    if (has_fixed_steps(pass%method)) words = ', step '//to_text(pass%setting)//' s'
+  end function setting_words
+
+  !> The pass under way, for the line of progress.
+  function words(self)
+    class(pass_ladder), intent(in) :: self
+    character(:), allocatable :: words
+    words = ''
+    if (self%active) words = 'pass '//to_text(self%count)//' ('//trim(self%passes(self%count)%method)// &
+                             setting_words(self%passes(self%count))//trim(self%because)//'): '
+  end function words
+
+  !> The next pass.
+  subroutine add(self, pass)
+    class(pass_ladder), intent(inout) :: self
+    type(pass_record), intent(in) :: pass
+    if (self%count == most_passes) then
+      call finish(self, 'the error does not fall below the accuracy in 16 passes')
+      return
+    end if
+    self%count = self%count + 1
+    self%passes(self%count) = pass
+  end subroutine add
+
+  !> The first pass of a method, and why it is that one. Columns of radau err by about its tolerance, those of dopri5 by ten times
+  !> that: it begins one rung further down. Two passes fit above the least tolerance.
+  subroutine take_method(self, method, choice)
+    class(pass_ladder), intent(inout) :: self
+    character(*), intent(in) :: method
+    character(*), intent(in) :: choice
+    real(wp) :: setting                       ! [-] or [s]
+    setting = self%accuracy
+    if (method == 'dopri5') setting = finer*setting
+    setting = told(max(min(setting, coarsest), least/finer))
+    if (has_fixed_steps(method)) setting = self%first_step
+    self%choice = choice
+    call add(self, pass_record(method=method, setting=setting))
+  end subroutine take_method
+
+  !> A tolerance as it is told.
+  real(wp) function told(tolerance)
+    real(wp), intent(in) :: tolerance         !! [-]
+    character(8) :: digits
+    digits = es_text(tolerance, 1)
+    read (digits, *) told                     ! [-]
+  end function told
+
+  !> Gives the transient the method and the setting of the pass under way. Where stability sets the steps of dopri5 a tolerance does
+  !> not, and two passes would err alike: the steps of a finer one are shorter as those of a method of order 5 are.
+  pure subroutine set(self, r)
+    class(pass_ladder), intent(in) :: self
+    type(transient_record), intent(inout) :: r
+    associate (pass => self%passes(self%count))
+      r%method = pass%method(:len(r%method))
+      r%adaptive = .not. has_fixed_steps(pass%method)
+      r%tolerance = pass%setting
+      r%step = pass%setting
+      r%max_step = 0.0_wp
+      if (pass%method /= 'dopri5' .or. self%count == 1) return
+      associate (before => self%passes(self%count - 1))
+        if (before%method == 'dopri5') r%max_step = finer**0.2_wp*before%mean_step
+      end associate
+    end associate
+  end subroutine set
+
+  !> Takes the end of the pass under way and decides what follows: another pass, or nothing.
+  subroutine judge(self, pass, apart, late)
+    class(pass_ladder), intent(inout) :: self
+    type(pass_record), intent(in) :: pass     !! that pass as it has ended
+    real(wp), intent(in) :: apart(:)          !! (columns, then events) differences over what is asked; empty: not compared [-]
+    logical, intent(in) :: late               !! `most_seconds` are over
+    character(:), allocatable :: other
+    self%passes(self%count) = pass
+    self%stored = 0                           ! rows were put over those of the pass before
+    if (pass%outcome == finished) then
+      self%stored = self%count
+      self%delivered = self%count
+    end if
+    if (size(apart) > 0) then
+      self%slow = merge(self%slow + 1, 0.0_wp, apart > 1.0_wp .and. apart > 0.5_wp*self%apart)
+      self%apart = apart
+    end if
+    if (late) then
+      call finish(self, 'most_seconds ended the search')
+    else if (pass%outcome == given_up) then
+      call take_method(self, 'dopri5', 'the stable step of dopri5 asks for less than radau')
+    else if (pass%outcome == lost_pass) then
+      other = trim(merge('radau ', 'dopri5', pass%method == 'dopri5'))
+      if (count(self%passes(:self%count)%outcome == lost_pass) > 1) then
+        call finish(self, 'passes are lost')
+      else if (self%asked%free_method) then
+        call take_method(self, other, trim(pass%method)//' was lost')
+      else
+        call refine(self, pass)
+      end if
+    else if (size(apart) > 0 .and. all(apart <= 1.0_wp)) then
+      call finish(self, '')
+    else if (size(apart) > 0 .and. all(apart <= 1.0_wp .or. self%slow >= most_slow)) then
+      call finish(self, 'finer passes do not converge (rounding or chaos)')
+      if (apart(size(apart)) > 1.0_wp) self%reason = 'finer passes have other sequences of events'
+    else
+      call refine(self, pass)
+    end if
+  end subroutine judge
+
+  !> The same method follows, more finely.
+  subroutine refine(self, pass)
+    class(pass_ladder), intent(inout) :: self
+    type(pass_record), intent(in) :: pass
+    real(wp) :: setting                       ! [-] or [s]
+    setting = told(finer*pass%setting)
+    if (has_fixed_steps(pass%method)) then
+      setting = actual_step(self%asked%output_step, pass%setting)/2
+    else if (pass%setting < 2*least) then
+      call finish(self, 'tolerances end at 1e-13')
+      return
+    end if
+    call add(self, pass_record(method=pass%method, setting=setting))
+  end subroutine refine
+
+  !> The ladder ends.
+  subroutine finish(self, reason)
+    class(pass_ladder), intent(inout) :: self
+    character(*), intent(in) :: reason        !! why the accuracy is not kept; empty: it is
+    self%over = .true.
+    self%kept = len(reason) == 0
+    self%reason = reason
+  end subroutine finish
+
+  !> Saves or restores a ladder between two portions of a pass.
+  subroutine exchange(self, a)
+    class(pass_ladder), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    real(wp), allocatable :: words(:)         ! of the passes [any]
+    if (.not. self%active) return
+    call a%exchange(self%count)
+    words = transfer(self%passes, [0.0_wp])
+    call a%exchange(words)
+    self%passes = transfer(words, self%passes)
+    call a%exchange(self%stored)
+    call a%exchange(self%delivered)
+    call a%exchange(self%choice)
+    call a%exchange(self%because)
+    call self%found%exchange(a)
+    call a%exchange(self%apart, self%slow, self%absolute)
+  end subroutine exchange
+end module accuracy_ladder
