@@ -119,7 +119,7 @@ contains
     r0 = residual()
     call run%sys%renew(q, v, vd, lambda, .true., .false., ok, r0(1:n))
     if (.not. ok) error stop 3, quiet=.true.
-    allocate (dq(n), dl(nr))
+    allocate (dq(n), dl(nr), source=0.0_wp)
     call run%sys%correction(r0(1:n), r0(n + 1:), dq, dl)
     sum = r0
     do j = 1, n + nr

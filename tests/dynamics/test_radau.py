@@ -277,6 +277,38 @@ def test_a_damped_scene_at_a_tenth_of_the_evaluations_of_rk4(run_deck):
     assert 10 * runs["radau"].transient["residual_evaluations"] <= runs["rk4"].transient["evaluations"]
 
 
+ARM = """&scene gravity=0.0,-9.81 /
+&body name='b' mass=0.3 inertia=3e-3 com=0.1,0.0 /
+&joint name='j' type='revolute' body_a='b' /
+"""
+ROD = "&joint name='k' type='distance' body_a='b' point_a=0.2,0.1 /\n"
+
+
+def cranks(places):
+    """Return the deck of equal cranks on the ground at these places, with a coupler over all of them, let go below the ground."""
+    deck = "&scene gravity=0.0,-9.81 /\n"
+    deck += "&body name='c' mass=0.5 inertia=0.01 com=0.3,0.0 position={0.2*cos(-0.6)},{0.2*sin(-0.6)} /\n"
+    n = len(places)
+    for name, place in zip("bde", places):
+        deck += f"&body name='{name}' mass={0.9 / n} inertia={9e-3 / n} com=0.1,0.0 position={place},0.0 angle=-0.6 /\n"
+        deck += f"&joint name='j{name}' type='revolute' body_a='{name}' point_b={place},0.0 /\n"
+        deck += f"&joint name='m{name}' type='revolute' body_a='c' point_a={place},0.0 body_b='{name}' point_b=0.2,0.0 /\n"
+    return deck
+
+
+@pytest.mark.parametrize(
+    ("alone", "redundant", "tolerance"),
+    [(ARM, ARM + ROD, 1e-11), *[(cranks([0.0, 0.6]), cranks([0.0, 0.3, 0.6]), tolerance) for tolerance in (1e-8, 1e-11)]],
+)
+def test_redundant_rows_cost_no_steps(alone, redundant, tolerance, run_deck):
+    """What they leave open of the multipliers must not grow: its rounding would be what Newton's method cannot solve."""
+    rest = "&sensor name='a' quantity='angle' body='b' /\n"
+    rest += f"&transient t_end=0.3 method='radau' tolerance={tolerance} output_step=0.02 /\n"
+    one, two = run_deck(alone + rest, name="alone"), run_deck(redundant + rest, name="redundant")
+    assert two.transient["steps"] < 1.1 * one.transient["steps"]
+    np.testing.assert_allclose(two.history["a"], one.history["a"], atol=100 * tolerance)
+
+
 def test_change_points_by_tolerance(run_deck):
     """Two four-bars in a row, all links in line twice a turn."""
     deck = re.sub(r"method='rk4' step=\S+", "method='radau' tolerance=1e-6", four_bars(2, t_end=4.0))

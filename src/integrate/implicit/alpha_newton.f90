@@ -218,6 +218,7 @@ contains
         end if
         if (k == 1) scale = system%rounding_scale
         rounding = noise*scale
+        self%dlambda = self%lambda1
         call system%correction(self%r, self%gaps(:, 0), self%dx(1:nq), self%dlambda)
         self%newton%iterations = self%newton%iterations + 1
         call measure_correction(self, norm, scene_norm)

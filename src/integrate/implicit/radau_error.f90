@@ -44,6 +44,7 @@ contains
         call system%residual(self%t, w%q, w%v, w%a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
         self%residuals = self%residuals + 1
         w%gap(:, 1) = w%gap(:, 1)/c2
+        w%dlambda = 0.0_wp
         call system%correction(w%r(:, 1), w%gap(:, 1), w%dq(:, 1), w%dlambda)
         w%e = 0.0_wp
         w%e(1:nq) = w%dq(:, 1)

@@ -370,6 +370,8 @@ contains
     associate (m => self%method, w => self%work, c2 => self%method%mu/self%h)
       f = real(m%from(1, :)/c2(1), wp)
       w%gap_real = f(1)*w%gap(:, 1) + f(2)*w%gap(:, 2) + f(3)*w%gap(:, 3)
+      w%dlambda = matmul(self%lambda, real(m%from(1, :), wp))
+      w%dlambda_part = matmul(self%lambda, m%from(2, :))
       w%gap_part = (m%from(2, 1)*w%gap(:, 1) + m%from(2, 2)*w%gap(:, 2) + m%from(2, 3)*w%gap(:, 3))/c2(2)
       call system%correction(w%r_real, w%gap_real, w%dq(:, 1), w%dlambda)
       call system%complex_correction(w%r_part, w%gap_part, w%dq_part, w%dlambda_part)

@@ -92,13 +92,14 @@ module second_order_system
       complex(wp), intent(in), contiguous, optional :: r_complex(:)   !! (nq) for several stages [N, N m]
     end subroutine make_matrix
     !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, by the real matrix, in the frames of the last residual.
+    !> What redundant rows leave open of the multipliers is brought to nothing, else rounding would add up in it.
     subroutine solve_correction(self, r, gap, dq, dlambda)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)          !! (nq) [N, N m]
       real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
       real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
-      real(wp), intent(out), contiguous :: dlambda(:)   !! (rows) [N]
+      real(wp), intent(inout), contiguous :: dlambda(:)   !! (rows) multipliers, then their correction [N]
     end subroutine solve_correction
     !> The same by the complex matrix.
     subroutine solve_complex(self, r, gap, dq, dlambda)
@@ -107,7 +108,7 @@ module second_order_system
       complex(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
       complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
       complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
-      complex(wp), intent(out), contiguous :: dlambda(:)  !! (rows) [N]
+      complex(wp), intent(inout), contiguous :: dlambda(:)  !! (rows) [N]
     end subroutine solve_complex
     !> The deformation that each internal variable follows, f of linear states; jumps at t do not act yet.
     subroutine find_deformations(self, t, q, v, delta)

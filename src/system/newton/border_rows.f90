@@ -15,7 +15,7 @@ module border_rows
   use border_row_lists, only: row_lists
   implicit none (type, external)
   private
-  public :: row_system, set_up_rows, factor_rows, regularise_weak_rows, solve_rows, solve_gaps
+  public :: row_system, set_up_rows, factor_rows, regularise_weak_rows, solve_rows, solve_gaps, row_compliance
 
   real(wp), parameter, public :: least_shift = 3.0e-14_wp  !! on the diagonal of constraint rows: uneven masses allow no more [-]
   real(wp), parameter, public :: light_shift = 1.0e-11_wp   !! the same where rows are redundant everywhere [-]
@@ -129,6 +129,14 @@ contains
     call factor_lu(n, r%kd, r%system%lu, r%system%pivots, r%system%upper, r%bad)
     r%least_pivot = minval(abs(r%system%lu(2*r%kd + 1, :)))
   end subroutine factor_rows
+
+  !> Compliance of each constraint row; 0 of one that is off.
+  function row_compliance(r) result(s)
+    type(row_system), intent(in) :: r
+    real(number) :: s(r%nc)                  !! [m/N]
+    s = r%s(0, r%position(1:r%nc))
+    where (r%open%off) s(r%open%row) = 0.0_wp
+  end function row_compliance
 
   !> The equation of a row that is off. The rows that its multiplier follows are of the same joint: they stand within the band.
   subroutine leave_open(r, x)
