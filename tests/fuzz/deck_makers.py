@@ -14,6 +14,7 @@ sys.path.insert(0, str(ROOT / "tests" / "shared"))
 
 import random_scenes  # noqa: E402
 import scenes  # noqa: E402
+from deck_keys import Key, applying, choice_of  # noqa: E402
 
 METHODS = ["rk4", "dopri5", "radau", "generalized_alpha"]
 JOINTS = ["revolute", "weld", "slider", "prismatic", "distance", "gear"]
@@ -43,6 +44,50 @@ def maybe(dice: random.Random, chance: float, text: str) -> str:
     return text if dice.random() < chance else ""
 
 
+DECADES = {"kg/m³": (2.5, 4), "Pa": (7, 10), "kg": (-2, 1), "kg m²": (-4, 0), "m": (-2, 0), "s": (-5, -1), "Hz": (-1, 3)}  # by unit
+
+
+def value(dice: random.Random, key: Key) -> str:
+    """Return a value of a key: in its range, now and then at an end of it; by its unit where the range has no end."""
+    words = key.range.split()
+    if key.type in ("word", "choice"):
+        return f"'{dice.choice(words)}'"
+    if key.type == "logical":
+        return dice.choice([".true.", ".false."])
+    if key.type == "pair":
+        return ",".join(sorted((some(dice, -2, 1), some(dice, -2, 1)), key=float))
+    if key.type in ("integer", "auto"):
+        return str(dice.choice([1, 2, 3, int(words[1]) if words[:1] == [">="] else 5]))
+    if "to" in words:
+        return dice.choice([words[0], words[2], f"{dice.uniform(float(words[0]), float(words[2])):.4g}"])
+    if len(words) == 4:  # > 0 < 1
+        return some(dice, -6, -0.01)
+    sign = dice.choice(["", "-"]) if not words else ""
+    return "0" if words[:1] == [">="] and dice.random() < 0.1 else sign + some(dice, *DECADES.get(key.unit.split(",")[0], (-2, 1)))
+
+
+def group_of(dice: random.Random, name: str, text: str, without: str = "", chance: float = 0.2) -> str:
+    """Return a group with the keys given, as far as they apply, those that it needs besides, and now and then others."""
+    choice = choice_of(name)
+    kind = ""
+    if choice:
+        found = re.search(rf"\b{choice.name}='(\w+)'", text)
+        kind = found[1] if found else choice.default
+    keys = applying(name, kind)
+    text = ASSIGNMENT.sub(lambda found: found[0] if found[1] in keys else "", text)
+    given = re.findall(r"(\w+)=", text)
+    for key in keys.values():
+        if key.name in given or key.name in without.split() or key.type not in DRAWN or key is choice:
+            continue
+        if key.required or dice.random() < chance:
+            text += f" {key.name}={value(dice, key)}"
+    return f"&{name} {text} /\n"
+
+
+DRAWN = ("real", "pair", "integer", "auto", "logical", "word", "choice")  # what needs nothing else of the deck
+PLACES = "point point_a point_b node node_a node_b node_c at at_a at_b at_c"  # of markers: theirs is the body's kind
+
+
 def terms(dice: random.Random) -> str:
     """Return GHM and Maxwell terms, or none."""
     text = ""
@@ -60,10 +105,8 @@ def materials(dice: random.Random) -> str:
     """Return two materials and two sections."""
     text = ""
     for name in "mn":
-        terms_of = terms(dice)
-        more = terms_of + maybe(dice, 0.2, " rayleigh_mass=0.4") + maybe(dice, 0.2, " rayleigh_stiffness=1e-5")
-        more += maybe(dice, 0.2 * ("_" in terms_of), " ghm_frequency_scale=1.7") + maybe(dice, 0.2, " band=1,500")
-        text += f"&material name='{name}' density={some(dice, 2.5, 4)} young={some(dice, 7, 10)}{more} /\n"
+        law = terms(dice)
+        text += group_of(dice, "material", f"name='{name}'{law}", "" if law else "ghm_frequency_scale")
     shapes = [
         "area=1e-4 inertia=1e-9",
         "shape='rectangle' width=0.02 height=0.01",
@@ -75,43 +118,26 @@ def materials(dice: random.Random) -> str:
 
 def body(dice: random.Random, name: str) -> tuple[str, str, int]:
     """Return a body, its kind and its number of nodes (0: none; negative: of a stiff one)."""
-    at = f"position={dice.uniform(-1, 1):.3f},{dice.uniform(-1, 1):.3f} angle={dice.uniform(-3, 3):.3f}"
-    at += maybe(dice, 0.3, f" angular_velocity={dice.uniform(-9, 9):.2f}") + maybe(dice, 0.15, " velocity=0.3,-0.2")
     kind = dice.choice(["rigid", "beam", "beam", "frame"])
-    if kind == "rigid":
-        return (
-            f"&body name='{name}' kind='rigid' mass={some(dice, -2, 1)} inertia={some(dice, -4, 0)} com=0.1,0.02 {at} /\n",
-            kind,
-            0,
-        )
+    nodes = 0 if kind == "rigid" else dice.randint(2, 6 if kind == "beam" else 5)
+    x = ",".join(f"{0.2 * k + dice.uniform(-0.05, 0.05):.3f}" for k in range(nodes))
+    y = ",".join(dice.choice(["0", f"{dice.uniform(-0.3, 0.3):.3f}"]) for _ in range(nodes))
+    pairs = ",".join(f"{k},{k + 1}" for k in range(1, nodes)) + maybe(dice, 0.3, f",{nodes},1")
+    each = ",".join(dice.choice(["'m'", "'n'"]) for _ in range(nodes - 1))
     option = dice.choice(["", "", "stiffening=.true.", "modes=", "modes=", "flexible=.false.", "viscoelastic=.false."])
     option += maybe(dice, 0.5 * ("visco" in option), " modulus_at=20")
+    option += maybe(dice, 0.2 * ("stiff" not in option and kind == "beam"), " axial=.false.")
     option += dice.choice(
         ["", "", " reference='clamped'", " reference='pinned'", " reference_node=1,1,-1 reference_dof='u','v','v'"]
     )
     more = maybe(dice, 0.2, "static_shapes=.true. ") + maybe(dice, 0.3 * ("ref" not in option), "reference='free' ")
     option = option.replace("modes=", f"modes={dice.randint(1, 3)} {more}")
-    if kind == "beam":
-        nodes = dice.randint(1, 5) + 1
-        made = f"length={some(dice, -1.5, 0.5)} elements={nodes - 1}"
-        made += dice.choice(
-            [" material='m'", f" element_material={','.join(dice.choice(['m', 'n']).join(chr(39) * 2) for _ in range(nodes - 1))}"]
-        )
-        option += maybe(dice, 0.3 * ("stiff" not in option), " axial=.false.")
-        return (
-            f"&body name='{name}' kind='beam' {made} section='s' {option} {at} /\n",
-            kind,
-            nodes if "flexible" not in option else -nodes,
-        )
-    nodes = dice.randint(2, 5)
-    x = ",".join(f"{0.2 * k + dice.uniform(-0.05, 0.05):.3f}" for k in range(nodes))
-    y = ",".join(dice.choice(["0", f"{dice.uniform(-0.3, 0.3):.3f}"]) for _ in range(nodes))
-    pairs = ",".join(f"{k},{k + 1}" for k in range(1, nodes)) + maybe(dice, 0.3, f",{nodes},1")
-    return (
-        f"&body name='{name}' kind='frame' node_x={x} node_y={y} element_nodes={pairs} material='n' section='t' {option} {at} /\n",
-        kind,
-        nodes if "flexible" not in option else -nodes,
-    )
+    made = f"length={some(dice, -1.5, 0.5)} elements={nodes - 1} node_x={x} node_y={y} element_nodes={pairs} section='s' {option}"
+    made += dice.choice([" material='m'", f" element_material={each}"]) if kind == "beam" else " material='n'"
+    at = f"position={dice.uniform(-1, 1):.3f},{dice.uniform(-1, 1):.3f} angle={dice.uniform(-3, 3):.3f}"
+    without = "flexible viscoelastic modulus_at axial stiffening modes static_shapes reference"
+    text = group_of(dice, "body", f"name='{name}' kind='{kind}' {at} {made if nodes else ''}", without)
+    return text, kind, nodes if "flexible" not in option else -nodes
 
 
 def marker(dice: random.Random, nodes: int, tail: str) -> str:
@@ -137,19 +163,15 @@ def history(dice: random.Random, name: str) -> str:
     """Return a history of any kind."""
     kinds = [
         "kind='polynomial' coefficients=0.1,2.0,-1.0",
-        f"kind='sine' amplitude=0.5 frequency={some(dice, -1, 2)} offset=0.2 phase=0.3",
-        "kind='ramp' start_value=0.1 end_value=1.0 start=0.001 finish=0.05",
-        "kind='cycloid' start_value=0 end_value=1 start=0 finish=0.02",
-        "kind='table' time=0,0.01,0.02,0.5 value=0,1,0.5,0"
-        + dice.choice(
-            ["", " interpolation='pchip'", " interpolation='linear'", " ends='rest'", " ends='natural'", " periodic=.true."]
-        )
-        + maybe(dice, 0.3, f" time_scale={some(dice, -2, 2)} value_scale=-0.5 time_shift={dice.uniform(-1, 1):.2f}"),
-        "kind='pulse' value=2 start=0.003 finish=0.007",
+        f"kind='sine' frequency={some(dice, -1, 2)}",
+        "kind='ramp' start=0.001 finish=0.05",
+        "kind='cycloid' start=0 finish=0.02",
+        "kind='table' time=0,0.01,0.02,0.5 value=0,1,0.5,0",
+        "kind='pulse' start=0.003 finish=0.007",
         f"kind='sum' histories='h0','h1' factors=1,{dice.uniform(-2, 2):.2f}",
-        "kind='sequence' histories='h0','h1' durations=0.01,0.02" + dice.choice(["", " periodic=.true.", " start=0.005"]),
+        "kind='sequence' histories='h0','h1' durations=0.01,0.02",
     ]
-    return f"&history name='{name}' {dice.choice(kinds[: 6 if name in ('h0', 'h1') else 8])} /\n"
+    return group_of(dice, "history", f"name='{name}' {dice.choice(kinds[: 6 if name in ('h0', 'h1') else 8])}", chance=0.25)
 
 
 def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
@@ -157,37 +179,25 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
     text = ""
     for k in range(dice.choice([0, 0, 1, 2])):
         kind = dice.choice(["linear", "torsional"])
-        text += f"&spring name='k{k}' type='{kind}' {sides(dice, bodies, turns=kind == 'torsional')} stiffness={some(dice, 0, 4)}"
-        text += terms(dice) + maybe(dice, 0.4, " damping=0.3") + " /\n"
-        if dice.random() < 0.2:
-            text = re.sub(r"stiffness=\S+(.*)/\n$", rf"characteristic='h{dice.randint(0, 2)}'\1/\n", text)
+        law = dice.choice([f"stiffness={some(dice, 0, 4)}", f"stiffness={some(dice, 0, 4)}{terms(dice)}", f"characteristic='h{k}'"])
+        where = sides(dice, bodies, turns=kind == "torsional")
+        text += group_of(dice, "spring", f"name='k{k}' type='{kind}' {where} {law}", f"stiffness {PLACES}")
     for k in range(dice.choice([0, 1, 1, 2])):
         name, nodes = dice.choice(bodies)
-        kind = dice.choice(
-            [
-                "type='force' fx=1.0 fy=-3.0",
-                "type='force' fy=2 axes='section'",
-                "type='force' fx=3 axes='body'",
-                "type='torque' moment=0.5",
-                "type='torque_about' moment=1 centre=0.7,-2.1",
-            ]
-        )
-        more = maybe(dice, 0.5, f" history='h{dice.randint(0, 2)}'") + maybe(
-            dice, 0.2, dice.choice([" stage='static'", " stage='transient'"])
-        )
+        kind = dice.choice(["force", "torque", "torque_about"])
+        more = maybe(dice, 0.5, f" history='h{dice.randint(0, 2)}'")
         columns = ["position.x", "velocity.y", "angle", "angular_velocity", "far", "u.v", "q.qd", "s.d", "acceleration.x"]
         column = dice.choice(columns)
         more += maybe(dice, 0.2, f" argument='{column}'" + ("" if "history" in more else " history='h0'"))
         if dice.random() < 0.25:
-            more = " controller='c0'" + maybe(dice, 0.1, " stage='static'")
-        text += f"&force name='f{k}' {kind} body='{name}' {marker(dice, nodes, '')}{more} /\n"
+            more = " controller='c0'"
+        text += group_of(dice, "force", f"name='f{k}' type='{kind}' body='{name}' {marker(dice, nodes, '')}{more}", PLACES, 0.4)
     if dice.random() < 0.3:
-        more = dice.choice(["", " rate=.true.", " relative=.true.", " rate=.true. relative=.true."])
         kind = dice.choice(["rotation", "position"])
         where = sides(dice, bodies, turns=kind == "rotation")
-        text += f"&drive name='d' type='{kind}' {where} history='h{dice.randint(0, 2)}'{more} /\n"
+        text += group_of(dice, "drive", f"name='d' type='{kind}' {where} history='h{dice.randint(0, 2)}'", PLACES, 0.4)
     name, nodes = dice.choice(bodies)
-    text += maybe(dice, 0.3, f"&lump body='{name}' {marker(dice, nodes, '')} mass=0.1 inertia=1e-4 /\n")
+    text += maybe(dice, 0.3, group_of(dice, "lump", f"body='{name}' {marker(dice, nodes, '')}", PLACES, 0.8))
     for k, quantity in enumerate(["position", "velocity", "acceleration", "angle", "angular_velocity", "angular_acceleration"]):
         name, nodes = dice.choice(bodies)
         place = marker(dice, nodes, "") if k < 3 or (nodes and dice.random() < 0.5) else ""
@@ -218,14 +228,10 @@ def controller(dice: random.Random, text: str) -> str:
     columns = {"position": ".x", "velocity": ".y", "angle": "", "angular_velocity": "", "far": "", "u": ".v", "q": ".qd", "s": ".d"}
     found = [name + columns[name] for name in re.findall(r"&sensor name='(\w+)'", text) if name in columns]
     gains = " ".join(f"{name}={dice.uniform(-1, 1) * 10 ** dice.uniform(-3, 4):.6g}" for name in dice.sample(["kp", "ki", "kd"], 2))
-    law = maybe(dice, 0.2, f" delay={some(dice, -6, 0)}")
-    if "kd" in gains:
-        law += maybe(dice, 0.7, f" filter={some(dice, -5, 0)}")
-    if dice.random() < 0.5:
-        law += dice.choice([" lower=-1.0", " upper=0.5", " lower=-0.3 upper=0.4"])
-        law += maybe(dice, 0.5 * ("ki" in gains), f" windup_time={some(dice, -3, 1)}")
-    law += maybe(dice, 0.2, f" sample={some(dice, -4, -1)}")
-    text = f"&controller name='c0' argument='{dice.choice(found or ['angle'])}' history='h{dice.randint(0, 2)}' {gains}{law} /\n"
+    limits = dice.choice(["", "", " lower=-1.0", " upper=0.5", " lower=-0.3 upper=0.4"])
+    without = "kp ki kd lower upper" + " filter" * ("kd" not in gains) + " windup_time" * (not limits or "ki" not in gains)
+    law = f"name='c0' argument='{dice.choice(found or ['angle'])}' history='h{dice.randint(0, 2)}' {gains}{limits}"
+    text = group_of(dice, "controller", law, without)
     return text + maybe(dice, 0.5, "&sensor name='c' quantity='controller' controller='c0' /\n")
 
 
@@ -236,25 +242,16 @@ def stop(dice: random.Random, bodies: list[tuple[str, int]], name: str) -> str:
     limits = dice.choice([f"lower={low:.4f}", f"upper={low:.4f}", f"lower={low:.4f} upper={low + 10 ** dice.uniform(-6, 0):.7f}"])
     if kind == "clearance":
         limits = f"gap={some(dice, -9, 0)}"
-    law = maybe(dice, 0.5, f" exponent={dice.choice(['1', '2', '3', f'{dice.uniform(1, 3):.3f}'])}")
-    law += dice.choice(["", f" damping={some(dice, -3, 2)}", f" restitution={dice.uniform(0.05, 1):.3f}"])
+    law = dice.choice(["", f" damping={some(dice, -3, 2)}", f" restitution={dice.uniform(0.05, 1):.3f}"])
     law = f"stiffness={some(dice, 1, 12)}{law}"
-    if dice.random() < 0.4:
+    without = f"lower upper stiffness damping restitution {PLACES}"
+    if dice.random() < (0.4 if all(nodes <= 0 for _, nodes in bodies) else 0.03):  # rigid stops meet rigid bodies
         law = f"restitution={dice.choice(['0', '1', f'{dice.uniform(0, 1):.3f}'])}"
         wide = f"lower=-{some(dice, -2, 1)} upper={some(dice, -2, 1)}"
         limits = dice.choice([limits, wide]) if kind != "clearance" else limits
-    law += maybe(dice, 0.3 * (kind == "position"), " direction=1.5707963267948966")
+        without += " exponent"
     where = sides(dice, bodies, turns=kind == "rotation")
-    return f"&stop name='{name}' type='{kind}' {where} {limits} {law} /\n"
-
-
-def friction(dice: random.Random, kind: str) -> str:
-    """Return the keys of a joint with dry friction."""
-    mu = dice.choice(["0", "10", "1e-12", some(dice, -3, 0)])
-    more = f" friction={mu}" + maybe(dice, 0.4, f" friction_static={min(10.0, float(mu) * 10 ** dice.uniform(0, 2)):.4g}")
-    more += maybe(dice, 0.3, f" preload={dice.choice(['0', some(dice, -6, 2)])}")
-    more += maybe(dice, 0.5 * (kind == "prismatic"), f" pad_distance={some(dice, -3, 0)}")
-    return more + f" pin_radius={some(dice, -6, 0)}" * (kind == "revolute")
+    return group_of(dice, "stop", f"name='{name}' type='{kind}' {where} {limits} {law}", without, 0.4)
 
 
 def transient(dice: random.Random) -> str:
@@ -266,7 +263,7 @@ def transient(dice: random.Random) -> str:
         more = maybe(dice, 0.1, " check_reduction=.true.") + maybe(dice, 0.1, " check_mesh=.true.")
         return f"&transient t_end={end} accuracy={some(dice, -3, -1)} most_seconds=60{more} /\n"
     how = f"step={end / dice.choice([20, 50, 200] if explicit else [1, 7, 40, 200]):.6g}"
-    if method != "rk4" and dice.random() < 0.6:
+    if method in ("dopri5", "radau") and dice.random() < 0.6:
         how = f"tolerance={some(dice, -7, -2)}" + maybe(dice, 0.2, " first_step=1e-5") + maybe(dice, 0.2, " max_step=1e-3")
     more = maybe(dice, 0.5, f" output_step={end / dice.choice([1, 2.5, 10]):.6g}") + maybe(dice, 0.2, f" motion_step={end / 3:.6g}")
     more += (
@@ -285,13 +282,12 @@ def transient(dice: random.Random) -> str:
 
 def analyses(dice: random.Random, text: str) -> str:
     """Return analyses of all kinds."""
-    made = maybe(dice, 0.2, f"&static load_steps={dice.choice([1, 3, 10])} /\n") + maybe(
-        dice, 0.2, f"&modal modes={dice.randint(1, 12)} /\n"
-    )
+    modal = group_of(dice, "modal", f"modes={dice.randint(1, 12)}")
+    made = maybe(dice, 0.2, group_of(dice, "static", "")) + maybe(dice, 0.2, modal)
     entries = [name for name in ("f0", "d") if f"name='{name}'" in text]
-    if entries and dice.random() < 0.2:
-        made += f"&frequency_response from=0.5 to={some(dice, 0, 4)} points=5 input='{dice.choice(entries)}'"
-        made += maybe(dice, 0.3, " spacing='linear'") + maybe(dice, 0.3, " friction='free'") + " /\n"
+    linear = not re.search("quantity='(?:power|work|energy|stress)'", text)
+    if entries and dice.random() < (0.2 if linear else 0.02):
+        made += group_of(dice, "frequency_response", f"from=0.5 to={some(dice, 0, 4)} points=5 input='{dice.choice(entries)}'")
     return made + maybe(dice, 0.9, transient(dice))
 
 
@@ -305,19 +301,15 @@ def language(dice: random.Random) -> str:
         text += group
         if dice.random() < 0.9:
             kind = dice.choice(JOINTS)
-            more = (
-                maybe(dice, 0.6, f" direction={dice.uniform(-3, 3):.2f}")
-                if kind in ("slider", "prismatic")
-                else maybe(dice, 0.1, " length=0.4")
-                if kind == "distance"
-                else maybe(dice, 0.9, f" ratio={dice.uniform(-9, 9):.2f}") + maybe(dice, 0.5, f" body_c='b{dice.randint(0, k)}'")
-                if kind == "gear"
-                else ""
-            )
-            if kind in ("revolute", "slider", "prismatic") and dice.random() < 0.4:
-                more += friction(dice, kind)
-                text += maybe(dice, 0.5, f"&sensor name='rub{k}' quantity='friction' joint='j{k}' /\n")
-            text += f"&joint name='j{k}' type='{kind}' {sides(dice, bodies, k)}{more} /\n"
+            more = maybe(dice, 0.5, f" body_c='b{dice.randint(0, k)}'") if kind == "gear" else ""
+            rubs = kind in ("revolute", "slider", "prismatic") and dice.random() < 0.4
+            mu = dice.choice(["0", "10", "1e-12", some(dice, -3, 0)])
+            static = maybe(dice, 0.4, f" friction_static={min(10.0, float(mu) * 10 ** dice.uniform(0, 2)):.4g}")
+            more += f" friction={mu}{static} pin_radius={some(dice, -6, 0)}" * rubs
+            text += maybe(dice, 0.5 * rubs, f"&sensor name='rub{k}' quantity='friction' joint='j{k}' /\n")
+            without = f"{PLACES} friction friction_static" + " length" * (dice.random() < 0.8)
+            without += " preload pad_distance pin_radius" * (not rubs)
+            text += group_of(dice, "joint", f"name='j{k}' type='{kind}' {sides(dice, bodies, k)}{more}", without, 0.6)
     text += maybe(dice, 0.2, f"&joint name='loop' type='{dice.choice(JOINTS)}' {sides(dice, bodies)} /\n")
     text += "".join(f"&sensor name='r{j}' quantity='reaction' joint='{j}' /\n" for j in re.findall(r"&joint name='(\w+)'", text))
     return text + "".join(history(dice, f"h{k}") for k in range(3)) + parts(dice, bodies)
