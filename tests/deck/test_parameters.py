@@ -66,7 +66,8 @@ def test_300_random_expressions_have_the_values_that_python_finds(biela, tmp_pat
 
 
 def test_powers_bind_from_the_right_and_before_signs(biela, tmp_path):
-    texts = {"-2^2": -4, "2^3^2": 512, "2**-1": 0.5, "-2^-2": -0.25, "(-2)^3": -8, "2*3^2/6": 3, "1-2-3": -4, "8/4/2": 1, "2--3": 5}
+    texts = {"-2^2": -4, "2^3^2": 512, "2**-1": 0.5, "-2^-2": -0.25, "2*3^2/6": 3, "1-2-3": -4, "8/4/2": 1, "2--3": 5}
+    texts |= {"(-2)^3": -8, "(-2)^-3": -0.125, "(-2)^-4": 0.0625, "(-2)^4": 16}
     texts |= {"0^0": 1, "1e-50^2*1e-51": 0, "exp(-1e3)": 0, "min(3,1,2)": 1, "12*mm": 0.012, "atan2(1,-1)/pi": 0.75, "+-+2": -2}
     got = values(biela, tmp_path, {f"x{k}": text for k, text in enumerate(texts)})
     assert list(got.values()) == list(texts.values())

@@ -344,6 +344,21 @@ def test_a_limit_at_the_start_hides_no_loop(run_deck):
     np.testing.assert_allclose(response[:, 1] + 1j * response[:, 2], exact, rtol=1e-9)
 
 
+def test_a_derivative_without_a_filter_damps(run_deck):
+    """s^2 + kd s + kp: a fifth of critical damping."""
+    run = run_deck(SLED + group(argument="x.x", kp=100.0, kd=4.0) + "&modal modes=1 /\n")
+    np.testing.assert_allclose(poles_of(run), [-2 + np.sqrt(96) * 1j], rtol=1e-9)
+
+
+def test_a_delay_begins_with_what_stands_still(run_deck):
+    """A sled held at 0.25 m before its controller begins: the delayed position is that, not 0, and no transient starts."""
+    deck = SLED.replace("inertia=1 /", "inertia=1 position=0.25,0 /").replace("&joint name='g'", "&joint point_b=0.25,0 name='g'")
+    deck = deck.replace("coefficients=1.0", "coefficients=0.25")
+    deck += group(argument="x.x", kp=2.0, delay=0.1)
+    run = run_deck(deck + "&transient t_end=0.3 method='rk4' step=1e-3 output_step=0.1 /\n")
+    np.testing.assert_allclose(run.history["o.out"], 0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("law", [{"kp": 1.0}, {"kp": 1.0, "ki": 2.0, "delay": 0.1}])
 def test_a_controller_where_nothing_is_free(run_deck, law):
     """A drive turns the only body by t, the reference: the output is 0, and so is what the loop needs of the drive."""
