@@ -97,7 +97,7 @@ def preloaded(name: str, folder: Path, *options: str) -> Path:
     if not shutil.which(compiler) or not sys.platform.startswith("linux"):
         pytest.skip("needs gfortran and Linux")
     library = folder / f"{name}.so"
-    source = ROOT / "tests" / "preload" / f"{name}.f90"
+    (source,) = (ROOT / "tests" / "preload").glob(f"{name}.*")
     command = [compiler, "-O1", "-fPIC", "-shared", f"-J{folder}", str(source), *options, "-o", str(library)]
     subprocess.run(command, check=True, capture_output=True)
     return library
@@ -175,6 +175,13 @@ def counters(tmp_path_factory):
     if "allocations" not in done.stderr:
         pytest.skip("the C library does not let its allocations be counted")
     return library
+
+
+@pytest.fixture(scope="session")
+def largest(tmp_path_factory):
+    """Return a function that gives the environment in which no array has more than some bytes."""
+    library = preloaded("largest", tmp_path_factory.mktemp("largest"))
+    return lambda size: {**os.environ, "LD_PRELOAD": str(library), "LARGEST": str(int(size))}
 
 
 @pytest.fixture(autouse=True)

@@ -28,7 +28,7 @@ module scene_run
   !> What analyses share.
   type :: run_state
     type(deck) :: d
-    class(mechanism_system), allocatable :: sys
+    type(mechanism_system), allocatable :: sys
     type(sensor_list) :: list
     type(assembly_report) :: assembly
     type(validity_watch) :: watch             !! figures of the run so far

@@ -15,7 +15,8 @@ from biela.commands import compare as compare_command
 from conftest import ROOT
 
 POST = ROOT / "post"
-SPEAKING = "import sys; from biela import command; command.run(lambda: print('4 µs, α = ζ', *range({count})) or {status})"
+GREEK = r"'4 \xb5s, \u03b1 = \u03b6'"  # ASCII: no locale of the child decides how its source is read
+SPEAKING = f"import sys; from biela import command; command.run(lambda: print({GREEK}, *range({{count}})) or {{status}})"
 
 
 def speak(count: int, status: int = 0, **keywords) -> subprocess.Popen:

@@ -20,7 +20,7 @@ from biela.deck_runs import Outcome
 from biela.histories import Event, History, read
 from biela.tradeoff_curves import Curve, uncertainty_of
 from biela.tradeoff_errors import Compared, error_of, truth_of
-from conftest import REFERENCE, ROOT, TIMEOUT
+from conftest import REFERENCE, ROOT
 from oracle import Scene
 from scipy.integrate import solve_ivp
 from studies import ARGUMENT
@@ -287,12 +287,16 @@ def test_a_reader_that_has_gone_ends_the_study_quietly(biela, tmp_path):
     assert (tmp_path / "study" / "recommended.nml").exists()
 
 
-def test_time_ends_the_search(biela, tmp_path):
-    command = [sys.executable, str(TOOL), str(ROOT / "input" / "four_bar.nml"), "--biela", str(biela), "--quiet"]
-    command += ["--tolerance", "1e-5", "--time", "2"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=TIMEOUT)
-    assert done.stderr == ""
-    assert "No run came to its end" in done.stdout or "recommended.nml" in done.stdout
+@pytest.mark.parametrize(
+    ("runs", "told", "status"),
+    [(2, "No run of a method came to its end", 1), (7, "No reference converged", 1), (12, "recommended.nml was run", 0)],
+)
+def test_time_ends_the_search(runs, told, status, study, monkeypatch):
+    """By a clock that runs alone drive, so that no other job's work is in it."""
+    monkeypatch.setattr(deck_runs.Runner, "left", lambda self: self.share * self.time * (1.0 - self.made / runs))
+    folder, said, warned = study(CRANK, "--tolerance", "1e-5", "--methods", "rk4", status=status)
+    assert (told in said, warned) == (True, "")
+    assert (folder / "recommended.nml").exists() == (status == 0)
 
 
 def test_budget_takes_the_most_accurate_run_that_fits(study, run_deck, monkeypatch):

@@ -197,23 +197,17 @@ def test_results_that_a_restart_cannot_extend(name, checkpoint, biela, tmp_path)
     assert "results cannot be written into" in told
 
 
-def test_memory_that_ends_is_told_and_leaves_no_lock(biela, tmp_path):
+def test_memory_that_ends_is_told_and_leaves_no_lock(largest, biela, tmp_path):
     """The run-time library may say first which array it could not have."""
     (tmp_path / "a.nml").write_text(BEAM.replace("300", "1500") + TRANSIENT)
     outcomes = []
-    for megabytes in range(20, 44, 4):
-        limit = (megabytes * 2**20, megabytes * 2**20)
-        done = subprocess.run(
-            [biela, "--quiet", "a.nml"], cwd=tmp_path, capture_output=True, text=True, check=False,
-            preexec_fn=lambda limit=limit: resource.setrlimit(resource.RLIMIT_AS, limit),
-        )
+    for most in (1e5, 2e5, 3e5, 4e5, 6e5, 8e5, 1e6, 1e9):
+        command = [biela, "--quiet", "a.nml"]
+        done = subprocess.run(command, cwd=tmp_path, env=largest(most), capture_output=True, text=True, check=False)
         assert not (tmp_path / "results" / "a" / ".lock").exists()
-        if "loading shared libraries" in done.stderr:
-            continue
         outcomes.append(done.returncode)
-        assert done.returncode in (0, 1)
         assert done.returncode == 0 or done.stderr.splitlines()[-1].startswith("biela: stopped, most likely because")
-    assert 1 in outcomes
+    assert set(outcomes) == {0, 1}
 
 
 RESULTS = ["history.txt", "summary.json", "checkpoint"]

@@ -26,7 +26,7 @@ module error_check
   type, public :: error_watch
     logical :: active = .false.
     logical :: stored = .false.               !! the other run is a pass before this one
-    class(mechanism_system), allocatable :: sys
+    type(mechanism_system), allocatable :: sys
     class(stepper), allocatable :: method
     type(balance_watch) :: balance
     real(wp), allocatable :: y(:)             !! (ny) state at its last row [m, rad], [m/s, rad/s], [J]

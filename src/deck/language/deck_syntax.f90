@@ -112,7 +112,8 @@ contains
     if (self%source_count == size(self%sources)) self%sources = [self%sources, self%sources]
     self%source_count = self%source_count + 1
     associate (new => self%sources(self%source_count))
-      new = source(path=path, key=beside('', path), text=text, parent=parent, prefix=prefix, original=self%source_of(path))
+      new = source(path=path, text=text, parent=parent, prefix=prefix, original=self%source_of(path))
+      new%key = beside('', path)
       if (parent > 0) then
         new%depth = self%sources(parent)%depth + 1
         new%prefix = self%sources(parent)%prefix//prefix

@@ -98,7 +98,8 @@ contains
       end associate
       suffixes = [character(suffix_length) :: '.q['//unit//']', '.qd['//unit//'/s]', '.qdd['//unit//'/s2]']
     case ('reaction')
-      item = reaction_sensor_model(constraints=[merge(r%joint, m%s%joints + r%drive, r%joint > 0), friction_of(m%s, r%joint)])
+      row = [merge(r%joint, m%s%joints + r%drive, r%joint > 0), friction_of(m%s, r%joint)]
+      item = reaction_sensor_model(constraints=row)
       suffixes = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
     case ('friction')
       row = friction_of(m%s, r%joint)
