@@ -82,7 +82,7 @@ RUN      := .venv/bin/python
 INSTALLED = $(addprefix $(DESTDIR)$(PREFIX)/,bin/biela share/man/man1/biela.1 share/bash-completion/completions/biela \
               share/zsh/site-functions/_biela)
 # these install a compiler where there is none; all others only tell that it is missing
-INSTALLING = setup demo joints test test-debug bench bench-peer extremes fuzz faults rounding coverage mutants lint
+INSTALLING = setup demo joints test test-anywhere test-debug bench bench-peer extremes fuzz faults rounding coverage mutants lint
 export BIELA_SETUP ?= $(if $(filter $(INSTALLING),$(MAKECMDGOALS)),toolchain,check)
 
 # make's own -j prevails over this one; what follows `clean` has to wait for it
@@ -118,6 +118,8 @@ joints: $(BIELA) $(VENV)           ## damping in the rod, in the joint, in both:
 test: $(BIELA) $(PROBE) $(TOYS) $(BENCH) $(VENV)    ## all tests (the bench's program is built only)
 	@BIELA=$(BIELA) PROBE=bin/probe$(SUFFIX) TANGENT=bin/tangent$(SUFFIX) TERMS=bin/terms$(SUFFIX) \
 	  $(RUN) -m pytest -q -n $(JOBS) $(TESTS)
+test-anywhere: tests/anywhere.sh $(BIELA) $(PROBE) $(TOYS) $(BENCH) $(VENV)   ## all tests as other machines run them: an hour
+	@BIELA=$(BIELA) PROBE=bin/probe$(SUFFIX) TANGENT=bin/tangent$(SUFFIX) TERMS=bin/terms$(SUFFIX) JOBS=$(JOBS) TESTS=$(TESTS) sh $<
 test-debug:                        ## all tests, against the checked build
 	@$(MAKE) DEBUG=1 test
 

@@ -176,10 +176,9 @@ def test_a_pipe_in_place_of_a_checkpoint_is_refused(checkpoint, biela, tmp_path)
     assert "cannot be read" in told
 
 
-def test_an_enlarged_checkpoint_is_refused_before_it_is_read(checkpoint, biela, tmp_path):
+def test_an_enlarged_checkpoint_is_refused_before_it_is_read(checkpoint, largest, biela, tmp_path):
     os.truncate(checkpoint, 40 * 2**30)
-    limit = (2**30, 2**30)
-    status, told = restart(biela, tmp_path, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, limit))
+    status, told = restart(biela, tmp_path, env=largest(1e8))
     assert (status, len(told.splitlines())) == (2, 1)
     assert "is damaged: its length does not fit" in told
 
