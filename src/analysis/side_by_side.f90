@@ -35,14 +35,18 @@ contains
     next = 1
     do
       do k = 1, jobs
-        if (running(k)%deck > 0 .or. next > size(decks) .or. caught_signal() > 0) cycle
+        if (running(k)%deck > 0 .or. next > size(decks)) cycle
+        if (caught_signal() > 0) cycle
         call begin(trim(decks(next)), options, running(k))
         running(k)%deck = next
         next = next + 1
         if (running(k)%child <= 0) call finish(status_failed, running(k))
       end do
-      if (all(running%deck == 0) .and. (next > size(decks) .or. caught_signal() > 0)) exit
-      if (all(running%deck == 0)) cycle
+      if (all(running%deck == 0)) then
+        if (caught_signal() > 0) exit
+        if (next > size(decks)) exit
+        cycle
+      end if
       child = wait_for_child(ended)
       k = findloc(running%child, child, 1)
       if (k > 0) call finish(ended, running(k))

@@ -126,13 +126,13 @@ def test_how_decks_ended_is_a_line_that_was_asked_for(words, quiet, biela, tmp_p
         assert "outcome" in (tmp_path / "results" / name / "summary.json").read_text()
 
 
-@pytest.mark.parametrize("option", ["--help", "--version", "--check"])
-def test_what_cannot_be_printed_is_told(option, biela, tmp_path):
+@pytest.mark.parametrize("options", [["--help"], ["--version"], ["--check", "a.nml"]])
+def test_what_cannot_be_printed_is_told(options, biela, tmp_path):
     (tmp_path / "a.nml").write_text(PENDULUM)
     for close in (None, lambda: os.close(1)):
         with Path("/dev/full").open("w") as full:
             done = subprocess.run(
-                [biela, option, "a.nml"], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, preexec_fn=close, check=False
+                [biela, *options], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, preexec_fn=close, check=False
             )
         assert done.returncode == 3
         assert len(done.stderr.splitlines()) == 1

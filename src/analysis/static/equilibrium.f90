@@ -63,7 +63,8 @@ contains
     lambda = run%sys%ev%lambda
     do
       report%converged = report%residual <= tolerance .and. report%gap <= closed
-      if (report%converged .or. report%steps == most_newton .or. caught_signal() > 0) return
+      if (report%converged .or. report%steps == most_newton) return
+      if (caught_signal() > 0) return
       report%steps = report%steps + 1
       call ds%set((0.0_wp, 0.0_wp), 1.0_wp)
       call ds%factor()
