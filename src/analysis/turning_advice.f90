@@ -158,7 +158,7 @@ contains
     real(wp) :: motion(m%s%nq, 0:2)              ! unit turn about the origin, shifts along x and y [m, rad]
     real(wp) :: rates(m%s%rows, 0:2)             ! of the rows in them [m]
     real(wp) :: v(m%s%nq), y(m%s%ny)             ! [m/s, rad/s], layout in `scene_model` [m, rad], [m/s, rad/s], [J]
-    real(wp) :: a(2, 2), centre(2)               ! [m2], [m]
+    real(wp) :: a(2, 2), centre(2), determinant  ! [m2], [m], [m4]
     integer :: b, i, k
     motion = 0.0_wp
     do b = 1, size(m%s%bodies)
@@ -184,7 +184,13 @@ contains
     do k = 1, 2                                  ! free shifts stay 0
       if (a(k, k) <= open) a(k, k) = 1.0_wp
     end do
-    centre = [a(2, 2)*centre(1) - a(1, 2)*centre(2), a(1, 1)*centre(2) - a(2, 1)*centre(1)]/(a(1, 1)*a(2, 2) - a(1, 2)*a(2, 1))
+    determinant = a(1, 1)*a(2, 2) - a(1, 2)*a(2, 1)
+    if (determinant > open*a(1, 1)*a(2, 2)) then
+      centre = [a(2, 2)*centre(1) - a(1, 2)*centre(2), a(1, 1)*centre(2) - a(2, 1)*centre(1)]/determinant
+    else                                         ! a shift across a line is free: the solution along one axis
+      k = merge(1, 2, a(1, 1) > a(2, 2))
+      centre = merge(centre/a(k, k), 0.0_wp, [1, 2] == k)
+    end if
     swing = 0.0_wp
     turns = all(abs(rates(:, 0) + matmul(rates(:, 1:2), centre)) <= open*m%s%size)
     if (.not. turns) return

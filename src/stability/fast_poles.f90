@@ -133,9 +133,14 @@ contains
         call argument_motions(m, ev, i, mv(:, 1), mv(:, 2))
         do side = 1, 2
           call solve_mass(m, ev, with_joints, mv(:, side), v(:, side))
-          length = sqrt(max(dot_product(v(:, side), mv(:, side)), tiny(1.0_wp)))
-          v(:, side) = v(:, side)/length
-          mv(:, side) = mv(:, side)/length
+          length = sqrt(max(dot_product(v(:, side), mv(:, side)), 0.0_wp))
+          if (length > sqrt(tiny(1.0_wp))) then
+            v(:, side) = v(:, side)/length
+            mv(:, side) = mv(:, side)/length
+          else                                         ! joints or drives prevent it
+            v(:, side) = 0.0_wp
+            mv(:, side) = 0.0_wp
+          end if
         end do
         call append()
       end do

@@ -101,14 +101,16 @@ contains
     type(stiffness_system) :: ds
     complex(wp), allocatable :: r(:)
     real(wp), allocatable :: start(:), dx(:), lambda(:)
-    real(wp) :: rate, least                          ! 1/tau and its bound: nearly Newton's step [1/s]
+    real(wp) :: rate, first                          ! 1/tau, of the first step [1/s]
     type(equilibrium_report) :: before
     integer :: k
     call equations(run, options, ds, r, report)
-    rate = sqrt(max(tiny(1.0_wp), largest_acceleration(run))/(largest_turn*run%sys%m%s%size))
-    least = slowest*rate
+    rate = largest_acceleration(run)/(largest_turn*run%sys%m%s%size)
+    rate = sqrt(merge(rate, 1.0_wp, rate > sqrt(tiny(1.0_wp))))      ! nothing pulls: any step serves
+    first = rate
     do k = 1, most_contact_steps
       if (report%residual <= tolerance .and. report%gap <= closed) return
+      if (rate*epsilon(1.0_wp) > first) return         ! no step helps
       report%steps = k
       if (caught_signal() > 0) return
       before = report
@@ -127,7 +129,7 @@ contains
         call move(run, dx)
         call equations(run, options, ds, r, report, lambda)
         if (report%force <= contact_growth*before%force .and. report%gap <= max(2*before%gap, largest_turn**2)) then
-          rate = max(least, rate*min(0.5_wp, max(0.1_wp, report%force/before%force)))
+          rate = max(slowest*first, rate*min(0.5_wp, max(0.1_wp, report%force/before%force)))
           cycle
         end if
       end if

@@ -100,7 +100,7 @@ contains
     if (self%smallest < huge(1.0_wp)) self%cause = bound%cause(self%method)%what
     if (.not. self%active) return
     followed = bound_of_motions(self, m, work)
-    if (self%smallest < (1 - 1.0e-6_wp)*self%pole_step .and. abs(log(self%smallest/followed)) < log(far)) then
+    if (self%smallest < (1 - 1.0e-6_wp)*self%pole_step .and. abs(log(self%smallest) - log(followed)) < log(far)) then
       self%ratio = self%smallest/followed
     end if
   contains
