@@ -43,11 +43,18 @@ def study_parser(tool: str, description: str) -> argparse.ArgumentParser:
     found = parser(tool, description, runs_solver=True)
     found.add_argument("study", type=Path, metavar="STUDY.toml", help="deck, parameters and results (see post/README.md)")
     found.add_argument("--output", type=Path, metavar="DIR", help=f"folder of the results (results/{tool}/<study name>)")
-    found.add_argument("--jobs", type=count, default=os.cpu_count() or 1, help="runs side by side (all cores: %(default)s)")
+    found.add_argument("--jobs", type=count, help=f"runs side by side (all cores: {os.cpu_count() or 1})")
     found.add_argument("--dask", metavar="ADDRESS", help="address of a Dask scheduler, instead of this machine's cores")
     found.add_argument("--no-pictures", action="store_true", help="tables only")
-    found.set_defaults(keep=False)
     return found
+
+
+def options_of(args: argparse.Namespace, kind: type) -> object:
+    """Return what a command line says as a record of options; what it does not have keeps the record's default."""
+    import dataclasses
+
+    given = {name: tuple(value) if isinstance(value, list) else value for name, value in vars(args).items()}
+    return kind(**{one.name: given[one.name] for one in dataclasses.fields(kind) if given.get(one.name) is not None})
 
 
 def call_solver(biela: Path, *words: object) -> subprocess.CompletedProcess:

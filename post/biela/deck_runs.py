@@ -147,9 +147,10 @@ class Runner:
         jobs: how many run at a time
         longest: a run that takes longer is stopped [s]
         quiet: no progress bar
-        time: that the study may take, from the start of the process [s]
+        time: that the study may take [s]
         share: of that time after which no run of the present phase goes on
         unfinished: runs that the time ended
+        loading_seconds: of the processor, which count as used before the first run: of a program, what loading it took [s]
     """
 
     biela: Path
@@ -160,6 +161,7 @@ class Runner:
     time: float = math.inf
     share: float = 1.0
     unfinished: list[Unfinished] = field(default_factory=list)
+    loading_seconds: float = 0.0
 
     def __post_init__(self) -> None:
         try:
@@ -172,7 +174,7 @@ class Runner:
         self.stopped = threading.Event()
         self.drawing = threading.Lock()
         self.made = self.found = 0
-        self.started, self.loading_seconds, self.earlier_seconds = time.monotonic(), time.process_time(), _children_seconds()
+        self.started, self.earlier_seconds = time.monotonic(), _children_seconds()
         self.clock_seconds: list[float] = []  # by the clock, for each run [s]
 
     def slowness(self) -> float:

@@ -12,11 +12,24 @@ import numpy as np
 
 from .design_runs import Design, DesignRuns
 from .design_space import Space
+from .sweep_study import Study
 
 FIVE = {"both sides": (-2.0, -1.0, 1.0, 2.0), "above": (1.0, 2.0, 3.0, 4.0), "below": (-1.0, -2.0, -3.0, -4.0)}
 THREE = {"both sides": (-1.0, 1.0), "above": (1.0, 2.0), "below": (-1.0, -2.0)}
 SHORTEST, LONGEST = 1.0e-6, 0.12  # steps, in parts of a parameter's range
 ROUNDS = 2  # of steps that are tried
+SPREAD = 0.01  # of a parameter's value, where the study says none
+HEADER = [
+    "result",
+    "parameter",
+    "at",
+    "derivative",
+    "error",
+    "spread",
+    "change by the spread",
+    "error of the change",
+    "percent per percent",
+]
 
 
 @dataclass
@@ -140,3 +153,19 @@ def _better_steps(bends: np.ndarray, noise: np.ndarray, steps: np.ndarray) -> np
         total = (errors / errors.min(axis=0)).sum(axis=1)
         found[k] = np.clip(step * ratios[np.argmin(total), 0], SHORTEST, LONGEST)
     return found
+
+
+def rows_of(study: Study, space: Space, base: Design, found: Derivatives) -> list[list]:
+    """Return the rows of the table, each result's largest change first."""
+    own, rows = len(study.parameters), []
+    for j, scalar in enumerate(study.scalars):
+        value = base.values[own + j]
+        part = []
+        for k, one in enumerate(space.free):
+            at = base.point[one.name]
+            slope, error = found.values[own + j, k], found.errors[own + j, k]
+            spread = one.spread or SPREAD * (abs(at) or one.ends[1] - one.ends[0])
+            relative = slope * at / value if value != 0.0 else np.nan
+            part.append([scalar.name, one.name, at, slope, error, spread, slope * spread, error * spread, relative])
+        rows += sorted(part, key=lambda row: -abs(np.nan_to_num(row[6])))
+    return rows

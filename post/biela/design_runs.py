@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from concurrent.futures import Executor
@@ -12,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from .result_files import HistoryError
-from .sweep_study import Study
+from .sweep_study import Study, StudyOptions
 from .sweep_work import Journal, executor, open_journal, run_all
 
 
@@ -51,17 +50,15 @@ class DesignRuns:
     Attributes:
         study: what is varied and measured
         text: of its deck
-        args: of the command line
+        options: of the runs
         folder: of the journal
-        tool: name of the program, for its messages
         made: the designs in the order in which they were asked for, without those that only measure errors
     """
 
     study: Study
     text: str
-    args: argparse.Namespace
+    options: StudyOptions
     folder: Path
-    tool: str
     made: list[Design] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -73,12 +70,12 @@ class DesignRuns:
         self.units = [""] * len(self.study.scalars)
         self.begun = time.monotonic()
         try:
-            self.journal = open_journal(self.study, self.folder, self.tool)
+            self.journal = open_journal(self.study, self.folder)
         except OSError as fault:
             raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
 
     def __enter__(self) -> DesignRuns:
-        self.pool = executor(self.args)
+        self.pool = executor(self.options)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -108,7 +105,7 @@ class DesignRuns:
             raise RunsOverError
         study = replace(self.study, points=tuple(fresh), check=check)
         try:
-            found = run_all(study, self.text, self.journal, self.args, self.folder, self.pool)
+            found = run_all(study, self.text, self.journal, self.options, self.folder, self.pool)
         except OSError as fault:
             raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
         designs = [self._design(point, self.journal.done[key]) for point, key in zip(fresh, found)]
@@ -138,6 +135,6 @@ class DesignRuns:
 
     def _progress(self) -> None:
         """Show how many runs were made, on a terminal only."""
-        if sys.stderr.isatty():
+        if self.options.shown and sys.stderr.isatty():
             words = f"\r{self.count} runs, {time.monotonic() - self.begun:.0f} s "
             print(words, end="", file=sys.stderr, flush=True)

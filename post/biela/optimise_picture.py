@@ -3,42 +3,38 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
 
+from .derivatives import rows_of
 from .design_space import Space
+from .optimum import Optimum
 from .picture_files import save
 from .plot import COLOURS, LOOK, axis_label, pretty_unit, stacked
 from .sweep_study import Study
 
-if TYPE_CHECKING:
-    from .design_runs import DesignRuns
-    from .optimise_work import Optimum
-
 CURVES = 6  # parameters, limits of one panel
 
 
-def draw(found: Optimum, runs: DesignRuns, folder: Path) -> list[Path]:
+def draw(found: Optimum) -> list[Path]:
     """Draw the history of a search and the tornado of its optimum; returns the pictures' paths."""
-    paths = [history(found, runs, folder / "history.png")]
+    paths = [save(history(found), found.folder / "history.png")]
     if found.slopes is not None:
-        from .sensitivity_work import rows_of
-
         rows = rows_of(found.study, found.space, found.best, found.slopes)
-        paths.append(tornado(found.study, found.space, rows, runs.units, "the optimum", folder / "tornado.png"))
+        figure = tornado(found.study, found.space, rows, found.units, "the optimum")
+        paths.append(save(figure, found.folder / "tornado.png"))
     return paths
 
 
-def history(found: Optimum, runs: DesignRuns, path: Path) -> Path:
+def history(found: Optimum) -> plt.Figure:
     """Draw objective, limits and free parameters of each run in its order."""
-    goal, made, names = found.goal, runs.made, found.names
+    goal, made, names = found.goal, found.made, found.names
     number = np.arange(1, len(made) + 1)
     values = np.array([one.values for one in made])
     missed = np.array([goal.violation(one) for one in made])
     fine, failed = missed == 0.0, ~np.isfinite(missed)
-    units = [one.unit for one in found.study.parameters] + runs.units
+    units = [one.unit for one in found.study.parameters] + found.units
     limits = {limit.column: limit for limit in goal.limits if limit.bound != 0.0}
     panels = 1 + bool(limits) + bool(found.space.free)
     with plt.rc_context(LOOK):
@@ -60,7 +56,7 @@ def history(found: Optimum, runs: DesignRuns, path: Path) -> Path:
             top.plot(number[failed], np.full(failed.sum(), low - 0.7 * room), "x", color="black", ms=5, label="failed")
         top.set_ylabel(axis_label(names[goal.column], units[goal.column]))
         figure.suptitle(
-            f"{found.study.name}: {'min' if goal.sign > 0 else 'max'} {names[goal.column]}, {runs.count} runs", fontsize=10
+            f"{found.study.name}: {'min' if goal.sign > 0 else 'max'} {names[goal.column]}, {found.runs} runs", fontsize=10
         )
         if limits:
             axis = rest.pop(0)
@@ -80,10 +76,10 @@ def history(found: Optimum, runs: DesignRuns, path: Path) -> Path:
         axes[-1, 0].set_xlabel("run")
         for axis in axes[:, 0]:
             axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
-    return save(figure, path)
+    return figure
 
 
-def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: str, path: Path) -> Path:
+def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: str) -> plt.Figure:
     """Draw by how much each result changes where each parameter changes by its spread, with errors, the largest on top.
 
     Args:
@@ -92,7 +88,6 @@ def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: 
         rows: of the table of sensitivities
         units: of the results
         at: what design it is
-        path: of the picture
     """
     free, unit_of = len(space.free), {one.name: one.unit for one in space.free}
     wide = min(len(study.scalars), 2)
@@ -114,4 +109,4 @@ def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: 
             axis.locator_params(axis="x", nbins=5)
             axis.grid(axis="y", visible=False)
         figure.suptitle(f"{study.name}: sensitivities at {at}", fontsize=10)
-    return save(figure, path)
+    return figure

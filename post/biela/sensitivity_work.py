@@ -4,47 +4,43 @@ from __future__ import annotations
 
 import argparse
 import csv
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from . import deck_text
-from .command import finite
-from .derivatives import Derivatives, derivatives
+from .command import finite, options_of
+from .derivatives import HEADER, derivatives, rows_of
 from .design_runs import Design, DesignRuns, RunsOverError
 from .design_space import Space
-from .result_files import HistoryError, remove_noted
-from .sweep_study import Study
-from .sweep_work import prepare
+from .result_files import BielaError, HistoryError, remove_noted
+from .sweep_study import Study, StudyOptions
+from .sweep_work import prepare, tell
 
-SPREAD = 0.01  # of a parameter's value, where the study says none
-HEADER = [
-    "result",
-    "parameter",
-    "at",
-    "derivative",
-    "error",
-    "spread",
-    "change by the spread",
-    "error of the change",
-    "percent per percent",
-]
+if TYPE_CHECKING:
+    import matplotlib.pyplot as plt
+    import pandas
+
+class FailedDesignError(BielaError):
+    """The run of the design at which derivatives are wanted fails."""
 
 
-def design_of(study: Study, space: Space, args: argparse.Namespace) -> tuple[np.ndarray, tuple]:
+def design_of(study: Study, space: Space, options: StudyOptions) -> tuple[np.ndarray, tuple]:
     """Return position (unit cube) and choice of the design at which derivatives are taken: of --at, of the study, of the deck.
 
     Raises:
         HistoryError: --at names no parameter, or no value that it may have.
     """
     asked = {}
-    for word in args.at:
+    for word in options.at:
         name, equals, value = word.partition("=")
         if not equals or name not in [one.name for one in study.parameters]:
             known = ", ".join(one.name for one in study.parameters)
             raise HistoryError(f"--at {word!r}: NAME=VALUE expected, NAME one of {known}")
         asked[name] = value
-    own = {group.name: group.number("value") for group in deck_text.read(study.deck, biela=args.biela).all("parameter")}
+    own = {group.name: group.number("value") for group in deck_text.read(study.deck, biela=options.biela).all("parameter")}
     position = space.start()
     for k, one in enumerate(space.free):
         low, high = one.ends
@@ -67,22 +63,6 @@ def design_of(study: Study, space: Space, args: argparse.Namespace) -> tuple[np.
     return position, tuple(choice)
 
 
-def rows_of(study: Study, space: Space, base: Design, found: Derivatives) -> list[list]:
-    """Return the rows of the table, each result's largest change first."""
-    own, rows = len(study.parameters), []
-    for j, scalar in enumerate(study.scalars):
-        value = base.values[own + j]
-        part = []
-        for k, one in enumerate(space.free):
-            at = base.point[one.name]
-            slope, error = found.values[own + j, k], found.errors[own + j, k]
-            spread = one.spread or SPREAD * (abs(at) or one.ends[1] - one.ends[0])
-            relative = slope * at / value if value != 0.0 else np.nan
-            part.append([scalar.name, one.name, at, slope, error, spread, slope * spread, error * spread, relative])
-        rows += sorted(part, key=lambda row: -abs(np.nan_to_num(row[6])))
-    return rows
-
-
 def lines_of(study: Study, space: Space, rows: list[list], units: list[str]) -> list[str]:
     """Return the rows as lines of text."""
     wide = max(len(one.name) for one in study.scalars), max(len(one.name) for one in space.free)
@@ -100,25 +80,75 @@ def lines_of(study: Study, space: Space, rows: list[list], units: list[str]) -> 
     return lines
 
 
-def sensitivity(args: argparse.Namespace) -> int:
-    """Take the derivatives, write table and picture; returns 0, or 1 where the design itself fails."""
-    study, text = prepare(args, design=False)
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of a study's results at one design.
+
+    Attributes:
+        study: of the results
+        space: of its designs
+        base: the design
+        errors: of its values, as its run measures them
+        rows: of the table, whose head is derivatives.HEADER: each result's largest change first
+        units: of the results
+        runs: that were asked for
+        folder: of table.csv and of what was stored
+        warnings: on what was stored
+    """
+
+    study: Study
+    space: Space
+    base: Design
+    errors: np.ndarray
+    rows: list[list]
+    units: list[str]
+    runs: int
+    folder: Path
+    warnings: list[str]
+
+    @property
+    def report(self) -> list[str]:
+        """The design, its results, and the table in lines."""
+        own, lines = len(self.study.parameters), [f"{self.runs} runs at {_shown(self.base, 6)}"]
+        for k, scalar in enumerate(self.study.scalars):
+            value, error = self.base.values[own + k], self.errors[own + k]
+            lines.append(f"  {scalar.name} = {value:.6g} {self.units[k]}".rstrip() + f" (error of the run {error:.1e})")
+        return lines + lines_of(self.study, self.space, self.rows, self.units)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return the table: derivatives with errors, changes by the spread of each parameter."""
+        import pandas
+
+        return pandas.DataFrame(self.rows, columns=HEADER)
+
+    def picture(self) -> plt.Figure:
+        """Draw the changes by the spread of each parameter (a tornado)."""
+        from . import optimise_picture
+
+        return optimise_picture.tornado(self.study, self.space, self.rows, self.units, _shown(self.base, 4))
+
+    def _repr_html_(self) -> str:
+        return self.to_dataframe().to_html()
+
+
+def sensitivity(options: StudyOptions) -> Sensitivity:
+    """Take the derivatives and write their table; BielaError where the study cannot be run or the design itself fails."""
+    study, text = prepare(options, design=False)
     space = Space.of(study)
     if not space.free:
-        raise HistoryError(f"{args.study}: no parameter is free: from and to expected")
-    folder = args.output or Path("results") / "sensitivity" / study.name
-    position, choice = design_of(study, space, args)
-    with DesignRuns(study, text, args, folder, "sensitivity") as runs:
+        raise HistoryError(f"{options.study}: no parameter is free: from and to expected")
+    folder = options.folder("sensitivity")
+    position, choice = design_of(study, space, options)
+    with DesignRuns(study, text, options, folder) as runs:
         try:
             (base,) = runs.of([space.point(position, choice)])
             (checked,) = runs.of([base.point], check=True)
             if not base.ok or not checked.ok:
-                print("the design fails: " + (base.reason or checked.reason))
-                return 1
+                raise FailedDesignError("the design fails: " + (base.reason or checked.reason))
             scales = np.where(base.values != 0.0, np.abs(base.values), 1.0)
             found = derivatives(runs, space, base, position, choice, checked.errors, scales)
         except RunsOverError:
-            raise HistoryError(f"{args.study}: runs = {study.runs} are too few: {8 * len(space.free) + 2} expected") from None
+            raise HistoryError(f"{options.study}: runs = {study.runs} are too few: {8 * len(space.free) + 2} expected") from None
     rows = rows_of(study, space, base, found)
     remove_noted(folder)
     try:
@@ -126,18 +156,23 @@ def sensitivity(args: argparse.Namespace) -> int:
             csv.writer(file).writerows([HEADER, *rows])
     except OSError as fault:
         raise HistoryError(f"{folder / 'table.csv'}: cannot be written ({fault.strerror})") from None
-    own = len(study.parameters)
-    print(f"{runs.count} runs at {_shown(base, 6)}")
-    for k, scalar in enumerate(study.scalars):
-        error = checked.errors[own + k]
-        print(f"  {scalar.name} = {base.values[own + k]:.6g} {runs.units[k]}".rstrip() + f" (error of the run {error:.1e})")
-    print("\n".join(lines_of(study, space, rows, runs.units)))
-    print(f"table: {folder / 'table.csv'}")
-    if not args.no_pictures:
-        from . import optimise_picture
+    return Sensitivity(study, space, base, checked.errors, rows, runs.units, runs.count, folder, runs.journal.warnings)
 
-        at = _shown(base, 4)
-        print(f"picture: {optimise_picture.tornado(study, space, rows, runs.units, at, folder / 'tornado.png')}")
+
+def work(args: argparse.Namespace) -> int:
+    """Print and draw the sensitivities; returns 0, or 1 where the design itself fails."""
+    try:
+        found = sensitivity(replace(options_of(args, StudyOptions), shown=True))
+    except FailedDesignError as fault:
+        print(fault)
+        return 1
+    tell("sensitivity", found.warnings)
+    print("\n".join(found.report))
+    print(f"table: {found.folder / 'table.csv'}")
+    if not args.no_pictures:
+        from .picture_files import save
+
+        print(f"picture: {save(found.picture(), found.folder / 'tornado.png')}")
     return 0
 
 

@@ -5,11 +5,8 @@ Every fault is a `BielaError` of few lines, those of the solver where it has ref
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import html
-import io
-import json
 import math
 import os
 import subprocess
@@ -19,38 +16,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import command, deck_text
+from .figures import Figures, figures
 from .histories import History, read, read_summary
 from .result_files import RESULT_FILES, BielaError
+from .sweep_study import StudyOptions
 
 if TYPE_CHECKING:
     import pandas
 
     from .fit_material import MaterialFit
+    from .optimum import Optimum
+    from .sensitivity_work import Sensitivity
+    from .sweep_work import Sweep
+    from .tradeoff_work import Tradeoff
 
 
-REPEATED = ("where", "at")  # options that stand once for each of their values
-
-
-class Figures(dict):
-    """Figures of summary.json, as items and as attributes: `figures.transient.steps`."""
-
-    def __getattr__(self, name: str) -> object:
-        """Return an item by its name."""
-        try:
-            return self[name]
-        except KeyError:
-            raise AttributeError(f"no {name!r}; there are {', '.join(self)}") from None
-
-
-class Named(list):
-    """A list of figures that have names, as items and by these: `figures.scene.bodies.crank`."""
-
-    def __getattr__(self, name: str) -> object:
-        """Return an item by its name."""
-        found = next((item for item in self if isinstance(item, dict) and item.get("name") == name), None)
-        if found is None:
-            raise AttributeError(f"no {name!r}; there are {', '.join(str(item['name']) for item in self if 'name' in item)}")
-        return found
+REPEATED = ("where", "at", "sensor", "methods")  # options that are lists
 
 
 class SolverError(BielaError):
@@ -95,7 +76,7 @@ class Result:
     @functools.cached_property
     def summary(self) -> Figures:
         """All figures of the run (input/README.md lists them)."""
-        return _figures(read_summary(self.folder))
+        return figures(read_summary(self.folder))
 
     @property
     def warnings(self) -> list[str]:
@@ -120,13 +101,6 @@ class Result:
 
     def __repr__(self) -> str:
         return f"<biela.Result {self.summary.deck}: {self.summary.outcome}, {len(self.warnings)} warnings, {self.folder}>"
-
-
-def _figures(value: object) -> object:
-    """Return a JSON value with its objects as `Figures`."""
-    if isinstance(value, dict):
-        return Figures({name: _figures(item) for name, item in value.items()})
-    return Named(_figures(item) for item in value) if isinstance(value, list) else value
 
 
 def find_solver(solver: str | Path | None = None) -> Path:
@@ -211,72 +185,73 @@ def _call(words: list, given: str | None, folder: Path | None = None, keep: obje
     return done
 
 
-def _tool(name: str, *words: object, **options: object) -> tuple[int, str]:
-    """Do what a program of post/ does, options as its command line has them; returns its status and what it prints."""
-    from importlib import import_module
-
-    line = [str(word) for word in words]
-    for option, value in options.items():
-        values = [] if value is True else value if isinstance(value, (list, tuple)) else [value]
-        flag = f"--{option.replace('_', '-')}"
-        if option in REPEATED:
-            line += [word for one in values for word in (flag, str(one))]
-        elif value is not None and value is not False:
-            line += [flag, *map(str, values)]
-    output, errors = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
-        try:
-            status = import_module(f".commands.{name}", __package__).main(line)
-        except SystemExit:
-            status = 2
-        except ModuleNotFoundError as fault:
-            raise BielaError(f"{name}: {command.missing(fault)}") from None
-    if status not in (0, 1):
-        raise BielaError(errors.getvalue().strip() or f"{name} ended with status {status}")
-    return status, output.getvalue()
+def _options(kind: type, tool: str, source: str | Path, folder: str | Path | None, given: Mapping[str, object]) -> object:
+    """Return a record of options of a function."""
+    listed = {name: (value,) if isinstance(value, str) and name in REPEATED else value for name, value in given.items()}
+    listed = {name: tuple(value) if isinstance(value, list) else value for name, value in listed.items()}
+    output = Path(folder) if folder is not None else None
+    try:
+        return kind(Path(source), find_solver(listed.pop("solver", None)), output, **listed)
+    except TypeError as fault:
+        raise BielaError(f"{tool}: {str(fault).partition(' ')[2]}") from None
 
 
-def sweep(study: str | Path, folder: str | Path | None = None, **options: object) -> pandas.DataFrame:
-    """Run a study (STUDY.toml) and return its table; options are those of post/sweep.py (`jobs=4`, `dask=...`).
+def sweep(study: str | Path, folder: str | Path | None = None, **options: object) -> Sweep:
+    """Run a study (STUDY.toml), what is not stored of it, and return its table.
+
+    Args:
+        study: the file
+        folder: of what is stored and of table.csv; left out: results/sweep/<study name>
+        options: those of `sweep_study.StudyOptions` (`jobs=4`, `dask="tcp://..."`)
+
+    Returns:
+        `to_dataframe()`, `best("min peak", ["area < 2e-4"])`, `failed`.
 
     Raises:
         BielaError: the study or its deck is wrong.
     """
-    import pandas
+    from .sweep_work import sweep as make
 
-    results = Path(folder or Path("results") / "sweep" / Path(study).stem)
-    _tool("sweep", study, output=results, biela=find_solver(), no_pictures=True, **options)
-    return pandas.read_csv(results / "table.csv")
+    return make(_options(StudyOptions, "sweep", study, folder, options))
 
 
-def optimise(study: str | Path, folder: str | Path | None = None, **options: object) -> Figures:
-    """Search the best design of a study; options are those of post/optimise.py (`best="min mass"`, `where=["peak < 1e-3"]`).
+def optimise(study: str | Path, folder: str | Path | None = None, **options: object) -> Optimum:
+    """Search the best design of a study.
+
+    Args:
+        study: the file
+        folder: of what is stored, of history and optimum; left out: results/optimise/<study name>
+        options: those of `sweep_study.StudyOptions` (`best="min mass"`, `where=["peak < 1e-3"]`)
 
     Returns:
         `parameters` and `results` of the best design, whether it is `feasible`, `prices` of the limits, `sensitivities`,
-        `runs`, `notes`, and the `report` in lines; history and pictures are in the folder.
+        `runs`, `notes`, the `report` in lines; `to_dataframe()` has all runs.
 
     Raises:
         BielaError: the study or its deck is wrong.
     """
-    results = Path(folder or Path("results") / "optimise" / Path(study).stem)
-    _tool("optimise", study, output=results, biela=find_solver(), **options)
-    return _figures(json.loads((results / "optimum.json").read_text(encoding="utf-8")))
+    from .optimise_work import optimise as search
+
+    return search(_options(StudyOptions, "optimise", study, folder, options))
 
 
-def sensitivity(study: str | Path, folder: str | Path | None = None, **options: object) -> pandas.DataFrame:
-    """Return derivatives of a study's results with their errors; options are those of post/sensitivity.py (`at=["L=0.3"]`).
+def sensitivity(study: str | Path, folder: str | Path | None = None, **options: object) -> Sensitivity:
+    """Take derivatives of a study's results, with their errors.
+
+    Args:
+        study: the file
+        folder: of what is stored and of table.csv; left out: results/sensitivity/<study name>
+        options: those of `sweep_study.StudyOptions` (`at=["L=0.3"]`)
+
+    Returns:
+        `to_dataframe()`, `report`, `picture()`.
 
     Raises:
         BielaError: the study or its deck is wrong, or the design fails.
     """
-    import pandas
+    from .sensitivity_work import sensitivity as take
 
-    results = Path(folder or Path("results") / "sensitivity" / Path(study).stem)
-    status, output = _tool("sensitivity", study, output=results, biela=find_solver(), **options)
-    if status:
-        raise BielaError(output.strip())
-    return pandas.read_csv(results / "table.csv")
+    return take(_options(StudyOptions, "sensitivity", study, folder, options))
 
 
 def fit(table: str | Path, folder: str | Path | None = None, **options: object) -> MaterialFit:
@@ -301,12 +276,21 @@ def fit(table: str | Path, folder: str | Path | None = None, **options: object) 
     return found
 
 
-def tradeoff(deck: str | Path, folder: str | Path | None = None, **options: object) -> str:
-    """Return what the trade-off tool says of a deck: which method, step and model; options are those of post/tradeoff.py.
+def tradeoff(deck: str | Path, folder: str | Path | None = None, **options: object) -> Tradeoff:
+    """Measure speed against accuracy of a deck: which method, step and model.
+
+    Args:
+        deck: its path
+        folder: of what is stored, of tradeoff.txt and recommended.nml; left out: results/tradeoff/<deck name>
+        options: those of `tradeoff_settings.TradeoffOptions` (`sensor=["tip"]`, `tolerance=1e-3`, `time=60.0` [s])
+
+    Returns:
+        `verdict`, `text` of the table, whether it `meets` the tolerance, `recommended`, the deck's path; `to_dataframe()`.
 
     Raises:
         BielaError: the deck is wrong, or has nothing to compare.
     """
-    results = Path(folder or Path("results") / "tradeoff" / Path(deck).stem)
-    _tool("tradeoff", deck, output=results, biela=find_solver(), quiet=True, **options)
-    return (results / "tradeoff.txt").read_text(encoding="utf-8")
+    from .tradeoff_settings import TradeoffOptions
+    from .tradeoff_work import tradeoff as measure
+
+    return measure(_options(TradeoffOptions, "tradeoff", deck, folder, options))

@@ -24,6 +24,7 @@ from __future__ import annotations
 import csv
 import itertools
 import math
+import os
 import re
 import sys
 from dataclasses import dataclass, field
@@ -106,6 +107,44 @@ class Parameter:
     def label(self) -> str:
         """Its name with its unit, as the table has it."""
         return f"{self.name}[{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """How the runs of a study are made, and what is asked of them.
+
+    Attributes:
+        study: the file
+        biela: the solver
+        output: folder of the results; None: results/<tool>/<study name>
+        jobs: runs side by side; None: as many as there are cores
+        dask: address of a Dask scheduler, in place of this machine's cores
+        keep: all decks and results stay
+        best: 'min NAME' or 'max NAME', '': what the study says
+        where: conditions 'NAME < VALUE' beside those of the study
+        at: 'NAME=VALUE' of parameters at which sensitivities are taken
+        shown: the progress is shown, where standard error is a terminal
+    """
+
+    study: Path
+    biela: Path
+    output: Path | None = None
+    jobs: int | None = None
+    dask: str | None = None
+    keep: bool = False
+    best: str = ""
+    where: tuple[str, ...] = ()
+    at: tuple[str, ...] = ()
+    shown: bool = False
+
+    @property
+    def workers(self) -> int:
+        """Runs side by side."""
+        return self.jobs or os.cpu_count() or 1
+
+    def folder(self, tool: str) -> Path:
+        """Return the folder of the results of a tool."""
+        return self.output or Path("results") / tool / self.study.stem
 
 
 @dataclass(frozen=True)

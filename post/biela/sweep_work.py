@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import csv
 import hashlib
+import html
 import json
+import math
 import operator
 import re
 import shutil
@@ -14,14 +16,18 @@ import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import command, deck_text, histories
 from .result_files import HistoryError, remove_noted
 from .sweep_run import Batch, Row, assign, assignments, end_with_parent, literal, run_batch
 from .sweep_scalars import Scalar, vibrations
-from .sweep_study import Study, StudyError, read
+from .sweep_study import Study, StudyError, StudyOptions, read
+
+if TYPE_CHECKING:
+    import pandas
 
 FOLDER = Path(__file__).resolve().parents[1]  # of the package
 BATCH = 50
@@ -54,6 +60,12 @@ class Journal:
             repaired = path.with_name(path.name + ".new")
             repaired.write_text("".join(json.dumps(entry) + "\n" for entry in self.done.values()), encoding="utf-8")
             repaired.replace(path)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is damaged, in words."""
+        more = f" and {len(self.damaged) - 1} more" if len(self.damaged) > 1 else ""
+        return [f"{self.path}: line {self.damaged[0]}{more} cannot be read; the runs are made again"] if self.damaged else []
 
     def add(self, rows: dict[str, Row]) -> None:
         """Write the rows of a batch, by their keys."""
@@ -91,16 +103,14 @@ def keys(study: Study, text: str, biela: Path) -> list[str]:
     return found
 
 
-def batches(study: Study, wanted: list[int], args: argparse.Namespace, folder: Path) -> Iterator[Batch]:
+def batches(study: Study, wanted: list[int], options: StudyOptions, folder: Path) -> Iterator[Batch]:
     """Yield batches of the runs that are still to be made."""
-    workers = max(args.jobs, 1)
-    size = max(1, min(BATCH, len(wanted) // (4 * workers) or 1))
+    size = max(1, min(BATCH, len(wanted) // (4 * options.workers) or 1))
     for first in range(0, len(wanted), size):
         runs = {number: assignments(study, study.points[number]) for number in wanted[first : first + size]}
-        keep = str(folder / "runs") if args.keep else None
-        yield Batch(
-            str(args.biela.resolve()), str(study.deck), runs, study.scalars, keep, not args.keep, study.extremes, study.check
-        )
+        keep = str(folder / "runs") if options.keep else None
+        solver, lean = str(options.biela.resolve()), not options.keep
+        yield Batch(solver, str(study.deck), runs, study.scalars, keep, lean, study.extremes, study.check)
 
 
 def _on_worker(folder: str, batch: bytes) -> list[Row]:
@@ -115,23 +125,23 @@ def _on_worker(folder: str, batch: bytes) -> list[Row]:
     return run_batch(pickle.loads(batch))
 
 
-def executor(args: argparse.Namespace) -> Executor:
+def executor(options: StudyOptions) -> Executor:
     """Return what runs batches: this machine's cores, or a Dask scheduler; HistoryError where there is none."""
-    if not args.dask:
-        return ProcessPoolExecutor(max_workers=args.jobs, initializer=end_with_parent)
+    if not options.dask:
+        return ProcessPoolExecutor(max_workers=options.workers, initializer=end_with_parent)
     try:
         from dask.distributed import Client
     except ImportError:
         raise HistoryError("--dask needs the package distributed: pip install 'dask[distributed]'") from None
     try:
-        return Client(args.dask, timeout="10s").get_executor(pure=False, retries=5)
+        return Client(options.dask, timeout="10s").get_executor(pure=False, retries=5)
     except OSError as fault:
-        raise HistoryError(f"--dask {args.dask}: no scheduler answers ({fault})") from None
+        raise HistoryError(f"--dask {options.dask}: no scheduler answers ({fault})") from None
 
 
-def submit(pool: Executor, batch: Batch, args: argparse.Namespace) -> Future:
+def submit(pool: Executor, batch: Batch, options: StudyOptions) -> Future:
     """Hand a batch over."""
-    if not args.dask:
+    if not options.dask:
         return pool.submit(run_batch, batch)
     import pickle
 
@@ -152,7 +162,7 @@ def begin_kept(folder: Path, found: list[str], keep: bool) -> None:
 
 
 def run_all(
-    study: Study, text: str, journal: Journal, args: argparse.Namespace, folder: Path, pool: Executor | None = None
+    study: Study, text: str, journal: Journal, options: StudyOptions, folder: Path, pool: Executor | None = None
 ) -> list[str]:
     """Make the runs that the journal does not have and return the keys of all; after Ctrl-C the finished ones stay in it.
 
@@ -160,23 +170,23 @@ def run_all(
         study: what is run
         text: of its deck
         journal: of the runs
-        args: of the command line
+        options: of the runs
         folder: where decks and results stay with --keep
         pool: what runs batches, which stays open; without it one is opened, and the progress is shown
     """
-    found = keys(study, text, args.biela)
-    begin_kept(folder / "runs", found, args.keep)
+    found = keys(study, text, options.biela)
+    begin_kept(folder / "runs", found, options.keep)
     wanted = [k for k, key in enumerate(found) if key not in journal.done]
     begun, done = time.monotonic(), 0
     if not wanted:
         return found
-    waiting = batches(study, wanted, args, folder)
-    used = pool or executor(args)
+    waiting = batches(study, wanted, options, folder)
+    used = pool or executor(options)
     running: set[Future] = set()
     try:
         while True:
-            while len(running) < 3 * max(args.jobs, 1) and (batch := next(waiting, None)):
-                running.add(submit(used, batch, args))
+            while len(running) < 3 * options.workers and (batch := next(waiting, None)):
+                running.add(submit(used, batch, options))
             if not running:
                 break
             finished, running = wait(running, return_when=FIRST_COMPLETED)
@@ -184,7 +194,7 @@ def run_all(
                 rows = future.result()
                 journal.add({found[row.number]: row for row in rows})
                 done += len(rows)
-            if not pool:
+            if not pool and options.shown:
                 _progress(done, len(wanted), time.monotonic() - begun)
         if not pool:
             used.shutdown()
@@ -277,20 +287,20 @@ def best(study: Study, rows: list[list], goal: str, conditions: list[str]) -> st
     return f"best of {count} runs ({goal}{''.join(', ' + condition for condition in conditions)}): {values}"
 
 
-def prepare(args: argparse.Namespace, design: bool = True) -> tuple[Study, str]:
-    """Return the study of a command line and the text of its deck, in which all its parameters were found.
+def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, str]:
+    """Return a study and the text of its deck, in which all its parameters were found.
 
     Args:
-        args: of the command line
+        options: of the study
         design: whether the points of the study's design are wanted
 
     Raises:
-        BielaError: the study, the deck or the command line is wrong.
+        BielaError: the study, the deck or the options are wrong.
     """
-    if not args.biela.is_file():
-        raise HistoryError(f"{args.biela}: no such program: build it with make, or name it with --biela")
-    study = read(args.study, design)
-    base = deck_text.read(study.deck, biela=args.biela)
+    if not options.biela.is_file():
+        raise HistoryError(f"{options.biela}: no such program: build it with make, or name it with --biela")
+    study = read(options.study, design)
+    base = deck_text.read(study.deck, biela=options.biela)
     known = [group.name for group in base.all("parameter")]
     for parameter in study.parameters:
         for name in parameter.deck_names:
@@ -299,7 +309,7 @@ def prepare(args: argparse.Namespace, design: bool = True) -> tuple[Study, str]:
         for target in parameter.targets:
             base = assign(base, target, literal(parameter.values[0]))
     if any(one.mode for one in study.scalars):
-        study = replace(study, scalars=_with_shapes(study.scalars, base, args.biela))
+        study = replace(study, scalars=_with_shapes(study.scalars, base, options.biela))
     return study, deck_text.sources(study.deck)
 
 
@@ -324,39 +334,94 @@ def _with_shapes(scalars: tuple[Scalar, ...], deck: deck_text.DeckText, biela: P
     return tuple(replace(one, shape=parts[one.mode - 1]) if one.mode else one for one in scalars)
 
 
-def open_journal(study: Study, folder: Path, tool: str = "sweep") -> Journal:
+def open_journal(study: Study, folder: Path) -> Journal:
     """Return the journal of a study in its folder, which is made; OSError where it cannot be."""
     folder.mkdir(parents=True, exist_ok=True)
-    journal = Journal(folder / "journal.jsonl", len(study.scalars))
-    if journal.damaged:
-        lines = f"line {journal.damaged[0]}" + (f" and {len(journal.damaged) - 1} more" if len(journal.damaged) > 1 else "")
-        print(f"{tool}: warning: {journal.path}: {lines} cannot be read; the runs are made again", file=sys.stderr)
-    return journal
+    return Journal(folder / "journal.jsonl", len(study.scalars))
 
 
-def sweep(args: argparse.Namespace) -> int:
-    """Run the study, write the table and the pictures; returns 0, or 1 where every run failed."""
-    study, text = prepare(args)
-    goal, conditions = args.best or study.best, [*study.where, *args.where]
-    folder = args.output or Path("results") / "sweep" / study.name
+def tell(tool: str, warnings: list[str]) -> None:
+    """Print the warnings of a program."""
+    for words in warnings:
+        print(f"{tool}: warning: {words}", file=sys.stderr)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The table of a sweep.
+
+    Attributes:
+        study: that was run
+        folder: of table.csv and of what was stored
+        header: names of parameters and results with their units, and `failure`
+        rows: one a run, in the order of the design; '' for the results of a run that failed
+        warnings: on what was stored
+    """
+
+    study: Study
+    folder: Path
+    header: list[str]
+    rows: list[list]
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def failed(self) -> list[list]:
+        """The runs that failed, their reasons last."""
+        return [row for row in self.rows if row[-1]]
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return the table; NaN for the results of a run that failed."""
+        import pandas
+
+        own = len(self.study.parameters)
+        rows = [[*row[:own], *(math.nan if value == "" else value for value in row[own:-1]), row[-1]] for row in self.rows]
+        return pandas.DataFrame(rows, columns=self.header)
+
+    def best(self, goal: str = "", where: tuple[str, ...] = ()) -> dict | None:
+        """Return parameters and results of the best run, 'min NAME' or 'max NAME' (that of the study), None where there is none.
+
+        Raises:
+            HistoryError: the words are wrong.
+        """
+        chosen, _, _ = choose(self.study, self.rows, goal or self.study.best, [*self.study.where, *where])
+        return None if chosen is None else dict(zip((one.name for one in (*self.study.parameters, *self.study.scalars)), chosen))
+
+    def _repr_html_(self) -> str:
+        head = html.escape(f"{self.study.name}: {len(self.rows)} runs, {len(self.failed)} failed")
+        return f"<p><b>{head}</b></p>" + self.to_dataframe().to_html(max_rows=20)
+
+
+def sweep(options: StudyOptions) -> Sweep:
+    """Run a study, or what is not stored of it, and write its table; BielaError where it cannot be run."""
+    study, text = prepare(options)
+    folder = options.folder("sweep")
     try:
         journal = open_journal(study, folder)
-        found = run_all(study, text, journal, args, folder)
+        found = run_all(study, text, journal, options, folder)
     except OSError as fault:
         raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None
     remove_noted(folder)
-    header, rows = table(study, journal, found)
-    write_table(folder / "table.csv", header, rows)
-    failed = [row for row in rows if row[-1]]
-    print(f"{len(rows)} runs, {len(failed)} failed; table in {folder / 'table.csv'}")
-    for row in failed[:3]:
+    result = Sweep(study, folder, *table(study, journal, found), journal.warnings)
+    write_table(folder / "table.csv", result.header, result.rows)
+    return result
+
+
+def work(args: argparse.Namespace) -> int:
+    """Run the study, print and draw; returns 0, or 1 where every run failed."""
+    options = command.options_of(args, StudyOptions)
+    result = sweep(replace(options, shown=True))
+    study, rows = result.study, result.rows
+    goal, conditions = options.best or study.best, [*study.where, *options.where]
+    tell("sweep", result.warnings)
+    print(f"{len(rows)} runs, {len(result.failed)} failed; table in {result.folder / 'table.csv'}")
+    for row in result.failed[:3]:
         print(f"  failed: {', '.join(f'{p.name} = {v}' for p, v in zip(study.parameters, row))}: {row[-1]}")
-    if not args.no_pictures and len(failed) < len(rows):
+    if not args.no_pictures and len(result.failed) < len(rows):
         from . import sweep_picture
 
         chosen, _, limits = choose(study, rows, goal, conditions) if goal else (None, 0, [])
-        for path in sweep_picture.draw(study, header, rows, folder, chosen, limits):
+        for path in sweep_picture.draw(study, result.header, rows, result.folder, chosen, limits):
             print(f"picture: {path}")
     if goal:
         print(best(study, rows, goal, conditions))
-    return int(len(failed) == len(rows))
+    return int(len(result.failed) == len(rows))

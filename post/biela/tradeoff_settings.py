@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 from .deck_text import DeckError, DeckText
 
@@ -26,6 +27,41 @@ ORDERS = {"rk4": 4.0, "generalized_alpha": 2.0, "radau": 5.0}
 COUNTS = sorted({1, 2, 3} | {base * 2**k for base in (4, 5, 6, 7) for k in range(28)})  # steps in an interval
 LENGTHS = ("length", "position", "point_a", "point_b", "com", "node_x", "node_y", "centre")
 ONLY_ADAPTIVE = ("first_step", "max_step")
+
+
+@dataclass(frozen=True)
+class TradeoffOptions:
+    """What is asked of a trade-off.
+
+    Attributes:
+        deck: its path
+        biela: the solver
+        output: folder of the results; None: results/tradeoff/<deck name>
+        sensor: sensors or columns (`tip.v`) to get right; none: all
+        tolerance: largest error over a column's range [-]
+        budget: seconds that a recommended run may take [s]
+        truth: 'deck' or 'refined': what measures errors
+        methods: that are tried
+        jobs: runs side by side; None: as many as there are cores
+        longest_run: seconds that any run may take [s]
+        time: seconds that the study may take [s]
+        shown: the progress is shown, where standard error is a terminal
+        loading_seconds: of the processor, which count as used [s]
+    """
+
+    deck: Path
+    biela: Path
+    output: Path | None = None
+    sensor: tuple[str, ...] = ()
+    tolerance: float = 1.0e-3
+    budget: float = math.inf
+    truth: str = "deck"
+    methods: tuple[str, ...] = METHODS
+    jobs: int | None = None
+    longest_run: float = 120.0
+    time: float = 600.0
+    shown: bool = False
+    loading_seconds: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -4,23 +4,42 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import html
 import math
+import os
 import signal
 import sys
-from dataclasses import replace
+import time
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from .command import options_of
 from .deck_models import effective_removals
 from .deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
 from .deck_text import DeckError, DeckText, parse, read
 from .tradeoff_causes import PARTS, cancellation, deciding, offset
 from .tradeoff_errors import Compared, error_of, sizes_of
-from .tradeoff_picture import draw
 from .tradeoff_report import Result, head, nothing_finished, own_setting, setting_words, table, verdict
 from .tradeoff_search import EFFECT, cheapest, simplify
-from .tradeoff_settings import FAMILIES, Setting, columns, grid_of, length_of, sensors, with_accuracy, with_checks, with_setting
+from .tradeoff_settings import (
+    FAMILIES,
+    METHODS,
+    Setting,
+    TradeoffOptions,
+    columns,
+    grid_of,
+    length_of,
+    sensors,
+    with_accuracy,
+    with_checks,
+    with_setting,
+)
 from .tradeoff_study import EVALUATION_COST, FULL, Point, Study
 from .tradeoff_truth import Base, as_written, deck_truth, effect_settings, left_out, parts, refined_truth
+
+if TYPE_CHECKING:
+    import pandas
 
 FINALISTS = 4
 NEAR = 1.5  # settings whose cost is within this factor of the least are timed again, one at a time
@@ -165,14 +184,16 @@ def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
         result.important += offset(name, dict(zip(PARTS, (part.largest for part in found))), point.error.largest, study.tolerance)
 
 
-def study_of(args: argparse.Namespace, deck: DeckText, folder: Path) -> Study:
+def study_of(options: TradeoffOptions, deck: DeckText, folder: Path) -> Study:
     """Return an empty study of a deck."""
-    wanted = sensors(deck, args.sensor)
-    families = [name for name, (method, _) in FAMILIES.items() if method in args.methods]
-    runner = Runner(args.biela, folder / "kept", args.jobs, args.longest_run, args.quiet, args.time)
+    wanted = sensors(deck, options.sensor)
+    families = [name for name, (method, _) in FAMILIES.items() if method in options.methods]
+    jobs = options.jobs or os.cpu_count() or 1
+    runner = Runner(options.biela, folder / "kept", jobs, options.longest_run, not options.shown, options.time)
+    runner.loading_seconds = options.loading_seconds
     grid = grid_of(deck)
     compared = Compared(sizes_of(length_of(deck), grid.interval), sensors=frozenset(wanted))
-    return Study(runner, grid, deck.needed_sensors(wanted), args.tolerance, families, compared)
+    return Study(runner, grid, deck.needed_sensors(wanted), options.tolerance, families, compared)
 
 
 def choose_columns(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) -> None:
@@ -187,55 +208,116 @@ def choose_columns(study: Study, deck: DeckText, written: Outcome, wanted: list[
     study.compared = replace(study.compared, columns=columns(names, wanted))
 
 
-def methods_left_out(args: argparse.Namespace, study: Study, base: Base) -> list[str]:
+def methods_left_out(options: TradeoffOptions, study: Study, base: Base) -> list[str]:
     """Return the methods that no curve shows, each with the reason."""
     shown = {curve.family for curve in base.curves}
     missing = {name: method for name, (method, _) in FAMILIES.items() if name not in shown}
     failed, unasked = "there was no time for it", "not in --methods"
-    why = {name: study.reasons.get(name, failed) if method in args.methods else unasked for name, method in missing.items()}
+    why = {name: study.reasons.get(name, failed) if method in options.methods else unasked for name, method in missing.items()}
     return [f"{name}: {reason}" for name, reason in why.items()]
 
 
-def run(args: argparse.Namespace) -> int:
-    """Make the study; the exit status."""
-    deck = read(args.deck, biela=args.biela)
-    folder = args.output or Path("results") / "tradeoff" / args.deck.stem
-    study = study_of(args, deck, folder)
+@dataclass(frozen=True)
+class Tradeoff:
+    """What a study of speed against accuracy has found.
+
+    Attributes:
+        folder: of tradeoff.txt, recommended.nml and what was stored
+        study: its runs and their errors
+        result: the truth, the search, what is recommended; None where no run came to its end
+        verdict: a paragraph: what is recommended, or why nothing is
+        text: of tradeoff.txt
+    """
+
+    folder: Path
+    study: Study
+    result: Result | None
+    verdict: str
+    text: str
+
+    @property
+    def meets(self) -> bool:
+        """Whether the recommended deck is accurate enough."""
+        return self.result is not None and self.result.meets
+
+    @property
+    def warnings(self) -> list[str]:
+        """What the solver warns of, and what a user should know before he trusts the recommendation."""
+        return [*self.result.warnings, *self.result.important] if self.result else []
+
+    @property
+    def recommended(self) -> Path | None:
+        """The deck that is recommended, None where there is none."""
+        return self.folder / "recommended.nml" if self.result and self.result.chosen else None
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return all runs of the search: model, setting, error of the worst column's range, seconds, evaluations."""
+        import pandas
+
+        def row(p: Point) -> list:
+            words = p.setting.words(self.study.grid)
+            return [p.model, words, p.error.largest, p.error.rms, p.error.column, p.cost, p.outcome.evaluations]
+
+        head = ["model", "setting", "error", "error_rms", "worst_column", "seconds_[s]", "evaluations"]
+        return pandas.DataFrame([row(p) for p in self.study.points], columns=head)
+
+    def _repr_html_(self) -> str:
+        return f"<p>{html.escape(self.verdict)}</p>" + "".join(f"<p>{html.escape(words)}</p>" for words in self.warnings)
+
+
+def tradeoff(options: TradeoffOptions) -> Tradeoff:
+    """Make the study and write its files, without the picture; BielaError where the deck is wrong."""
+    if options.truth not in ("deck", "refined") or not set(options.methods) <= set(METHODS):
+        raise RunsError(f"truth = 'deck' or 'refined' and methods of {', '.join(METHODS)} expected")
+    deck = read(options.deck, biela=options.biela)
+    folder = options.output or Path("results") / "tradeoff" / options.deck.stem
+    study = study_of(options, deck, folder)
     runner = study.runner
     try:
         runner.share = WRITTEN
         written = as_written(study, deck)
         runner.share = REFERENCE
-        choose_columns(study, deck, written, args.sensor)
-        base = (deck_truth if args.truth == "deck" else refined_truth)(study, deck, written)
+        choose_columns(study, deck, written, options.sensor)
+        base = (deck_truth if options.truth == "deck" else refined_truth)(study, deck, written)
     except OutOfTimeError:
-        paragraph, text = nothing_finished(study, args.deck.name)
+        paragraph, text = nothing_finished(study, options.deck.name)
         runner.clear_line()
         (folder / "tradeoff.txt").write_text(text, encoding="utf-8")
-        print(f"{paragraph}\nTable: {folder}/tradeoff.txt; the same command goes on from what is stored")
-        return 1
+        return Tradeoff(folder, study, None, paragraph, text)
     own = Point("deck as written", None, deck, written, error_of(written, study.truth))
     (folder / "recommended.nml").unlink(missing_ok=True)
-    result = Result(args.deck.name, args.truth, base.notes, base.curves, own, [], budget=args.budget)
+    result = Result(options.deck.name, options.truth, base.notes, base.curves, own, [], budget=options.budget)
     result.warnings = [f"the solver warns of the deck as written: {words}" for words in written.warnings]
     known = [name for name in base.curves[0].outcomes[-1].names if not study.compared.columns] if base.curves else []
     result.dropped = [name for name in known if name not in study.truth.names and study.compared.has(name)]
-    result.methods_left_out = methods_left_out(args, study, base)
+    result.methods_left_out = methods_left_out(options, study, base)
     runner.share = SEARCH
     explore(study, base, result)
-    runner.share = max(SEARCH, 1.0 - DRAWING * runner.slowness() / args.time)
-    recommend(study, result, choose(study, args.budget), folder)
+    runner.share = max(SEARCH, 1.0 - DRAWING * runner.slowness() / options.time)
+    recommend(study, result, choose(study, options.budget), folder)
     run_with_accuracy(study, result, deck)
     if base.doublings:
         split(study, result, deck, base.doublings)
     runner.clear_line()
-    (folder / "tradeoff.txt").write_text(table(study, result), encoding="utf-8")
-    draw(study, result, folder / "work_precision.png")
-    print("".join(f"- {line}\n" for line in [*result.warnings, *result.important]), end="")
-    print(verdict(study, result))
-    deck_file = "recommended.nml, " if result.chosen else ""
-    print(f"Results: {folder}/tradeoff.txt, {deck_file}work_precision.png")
-    return 0 if result.meets else 1
+    found = Tradeoff(folder, study, result, verdict(study, result), table(study, result))
+    (folder / "tradeoff.txt").write_text(found.text, encoding="utf-8")
+    return found
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the study, print and draw; the exit status."""
+    found = tradeoff(replace(options_of(args, TradeoffOptions), shown=not args.quiet, loading_seconds=time.process_time()))
+    if found.result is None:
+        print(f"{found.verdict}\nTable: {found.folder}/tradeoff.txt; the same command goes on from what is stored")
+        return 1
+    from . import tradeoff_picture
+
+    tradeoff_picture.draw(found.study, found.result, found.folder / "work_precision.png")
+    print("".join(f"- {line}\n" for line in found.warnings), end="")
+    print(found.verdict)
+    deck_file = "recommended.nml, " if found.recommended else ""
+    print(f"Results: {found.folder}/tradeoff.txt, {deck_file}work_precision.png")
+    return 0 if found.meets else 1
 
 
 def work(args: argparse.Namespace) -> int:

@@ -149,7 +149,7 @@ def test_errors_of_derivatives_hold(tmp_path, biela, monkeypatch):
         text += "[[result]]\nname = 'peak'\nmeasure = 'peak'\ncolumn = 'p.x'\n"
         text += "[[result]]\nname = 'at'\nmeasure = 'value'\nat = 0.4\ncolumn = 'p.x'\n"
         Path("study.toml").write_text(text)
-        table = package.sensitivity("study.toml", folder=f"out{number}", jobs=1, no_pictures=True)
+        table = package.sensitivity("study.toml", folder=f"out{number}", jobs=1).to_dataframe()
         for _, row in table.iterrows():
             step = 1.0e-5 * at[row["parameter"]]
             up, down = (swing(**{**at, row["parameter"]: at[row["parameter"]] + sign * step})[row["result"]] for sign in (1, -1))
@@ -165,11 +165,15 @@ def test_the_lightest_damped_arm_takes_less_than_60_runs(tmp_path, biela, monkey
     """The best of a grid of 200 (post/sweep.py input/studies/damped_arm.toml) has 24.7 g."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BIELA", str(biela))
-    found = package.optimise(ROOT / "input" / "studies" / "damped_arm.toml", folder="out", jobs=1, no_pictures=True)
+    found = package.optimise(ROOT / "input" / "studies" / "damped_arm.toml", folder="out", jobs=1)
     assert found.results.mass == pytest.approx(0.02247, rel=1.0e-3)
     assert found.results.ringing <= 1.0e-3
     assert found.runs < 60
     assert set(found.prices) == {"ringing", "slender"}
+    assert found.feasible
+    assert found.sensitivities.mass.outer["derivative"] > 0.0
+    assert len(found.to_dataframe()) == found.runs - 2
+    assert not list(Path("out").glob("*.png")), "drawn when asked for"
     own = package.run(Path("out/optimum.nml"))
     assert np.abs(own["tip.v"][own.time >= 0.3]).max() == pytest.approx(1.0e-3, rel=0.02)
 
@@ -182,7 +186,7 @@ def test_a_catalogue_is_tried_row_by_row(tmp_path, biela, monkeypatch):
     first, last = text.index('[[parameter]]\nname = "time"'), text.index("[[result]]")
     Path("study.toml").write_text((text[:first] + text[last:]).replace('"mass < 0.026", ', "").replace("8e-3", "6e-3"))
     Path("tubes.csv").write_text((ROOT / "input" / "studies" / "tubes.csv").read_text())
-    found = package.optimise("study.toml", jobs=1, no_pictures=True)
+    found = package.optimise("study.toml", jobs=1)
     table = csv.DictReader(Path("results/optimise/study/history.csv").read_text().splitlines())
     rows = [row for row in table if float(row["violation"]) == 0.0]
     assert found.runs == 12

@@ -97,8 +97,36 @@ def test_a_study_gives_its_table(tmp_path):
     (tmp_path / "deck.nml").write_text(DECK)
     lines = "[[parameter]]\nname='L'\nvalues=[1.0, 2.0]\n[[result]]\nname='end'\nmeasure='final'\ncolumn='a'\n"
     (tmp_path / "study.toml").write_text("deck = 'deck.nml'\n" + lines)
-    table = package.sweep("study.toml", folder="out", jobs=1)
-    np.testing.assert_allclose(table["end[rad]"], [0.005 / 1.1, 0.005 / 4.1])
+    found = package.sweep("study.toml", folder="out", jobs=1)
+    np.testing.assert_allclose(found.to_dataframe()["end[rad]"], [0.005 / 1.1, 0.005 / 4.1])
+    assert found.best("min end")["L"] == 2.0
+    assert "study: 2 runs, 0 failed" in found._repr_html_()
+    assert package.sweep("study.toml", folder="out", jobs=1).rows == found.rows, "stored"
+    with pytest.raises(package.BielaError, match="sweep: got an unexpected keyword argument 'job'"):
+        package.sweep("study.toml", job=1)
+
+
+def test_what_studies_give_is_data_and_nothing_is_printed(tmp_path, capsys):
+    """The angle under 1 N m at 0.1 s, 0.005/(0.1 + L^2): its derivative, and its least value between 1 and 2."""
+    (tmp_path / "deck.nml").write_text(DECK)
+    lines = "best = 'min end'\n[[parameter]]\nname='L'\nfrom=1.0\nto=2.0\n[[result]]\nname='end'\nmeasure='final'\ncolumn='a'\n"
+    (tmp_path / "study.toml").write_text("deck = 'deck.nml'\n" + lines)
+    with ThreadPoolExecutor(2) as pool:
+        slopes, best = (pool.submit(f, "study.toml", jobs=1) for f in (package.sensitivity, package.optimise))
+        slopes, best = slopes.result(), best.result()
+    (row,) = slopes.to_dataframe().to_dict("records")
+    assert (row["result"], row["parameter"], row["at"]) == ("end", "L", 1.0)
+    assert row["derivative"] == pytest.approx(-0.01 / 1.1**2, rel=1e-6)
+    assert (best.feasible, best.parameters.L) == (True, pytest.approx(2.0))
+    assert best.results.end == pytest.approx(0.005 / 4.1)
+    assert "L is at its upper end" in best._repr_html_()
+    speed = package.tradeoff("deck.nml", tolerance=1e-3, methods=["rk4"], time=20.0, jobs=1)
+    assert speed.meets
+    assert speed.recommended.read_text().startswith("! ")
+    assert speed.verdict.split()[0] in speed.text
+    assert speed.to_dataframe()["error"].min() < 1e-3
+    assert capsys.readouterr() == ("", "")
+    assert not list(tmp_path.rglob("*.png"))
 
 
 def test_hdf5_and_a_library_that_is_missing(tmp_path, monkeypatch, capsys):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import deck_models, deck_runs, deck_text, tradeoff_work
+from biela import deck_models, deck_runs, deck_text, tradeoff_picture
 from biela.commands import tradeoff as tradeoff_command
 from biela.compare import differences
 from biela.deck_runs import Outcome
@@ -38,7 +38,7 @@ def study(biela: Path, tmp_path: Path, monkeypatch):
 
     def run(deck: Path, *options: str, status: int = 0, picture: bool = False) -> tuple[Path, str, str]:
         if not picture:
-            monkeypatch.setattr(tradeoff_work, "draw", lambda *_: None)
+            monkeypatch.setattr(tradeoff_picture, "draw", lambda *_: None)
         words = [deck, *options, "--biela", biela, "--output", "study", *AT_LEISURE]
         done = call(tradeoff_command.main, *words, cwd=tmp_path)
         assert done.returncode == status, done.stdout + done.stderr

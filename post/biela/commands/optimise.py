@@ -14,4 +14,4 @@ parser = command.study_parser("optimise", __doc__)
 parser.add_argument("--best", metavar="'min NAME'", help="'min' or 'max' and a result (best of the study)")
 parser.add_argument("--where", action="append", default=[], metavar="'NAME < VALUE'", help="limit, beside those of the study")
 
-main = command.program(parser, "optimise_work.optimise")
+main = command.program(parser, "optimise_work.work")

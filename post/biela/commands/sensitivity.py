@@ -14,4 +14,4 @@ parser.add_argument(
     "--at", action="append", default=[], metavar="NAME=VALUE", help="value of a parameter; may stand several times"
 )
 
-main = command.program(parser, "sensitivity_work.sensitivity")
+main = command.program(parser, "sensitivity_work.work")

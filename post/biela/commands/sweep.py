@@ -14,4 +14,4 @@ parser.add_argument("--best", metavar="'min NAME'", help="name the best run: 'mi
 parser.add_argument("--where", action="append", default=[], metavar="'NAME < VALUE'", help="condition of the best")
 parser.add_argument("--keep", action="store_true", help="keep all decks and results, with all their sensors")
 
-main = command.program(parser, "sweep_work.sweep")
+main = command.program(parser, "sweep_work.work")

@@ -1,0 +1,207 @@
+"""What a search for the best design ends with: the design, what holds it back, all runs, in figures and in words."""
+
+from __future__ import annotations
+
+import html
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .derivatives import Derivatives
+from .design_runs import Design
+from .design_search import SAME, Goal, Search
+from .design_space import Space
+from .figures import Figures
+from .sweep_study import Study
+
+if TYPE_CHECKING:
+    import pandas
+
+ACTIVE = 1.0e-4  # distance from a limit at which it holds the optimum back, of the value's size; or the error of its run
+
+
+@dataclass
+class Optimum:
+    """What a search ends with.
+
+    Attributes:
+        study: that was searched
+        space: of its designs
+        goal: what is best
+        best: the best design, None where no run came to its end
+        position: of the best design in the unit cube
+        choice: of the lists
+        searches: in their order
+        slopes: at the optimum, None without free parameters or runs
+        errors: of the optimum's values
+        prices: change of the objective by each limit's bound, of those that hold it back, by name of the column
+        residual: part of the objective's slope that no limit explains, and what the slopes' errors explain of it
+        notes: what a user should know
+        made: designs in the order in which they were asked for, without those that only measure errors
+        units: of the results
+        runs: that were asked for, those that measure errors included
+        folder: of what was stored and of the tables
+        warnings: on what was stored
+    """
+
+    study: Study
+    space: Space
+    goal: Goal
+    best: Design | None = None
+    position: np.ndarray = field(default_factory=lambda: np.empty(0))
+    choice: tuple = ()
+    searches: list[Search] = field(default_factory=list)
+    slopes: Derivatives | None = None
+    errors: np.ndarray = field(default_factory=lambda: np.empty(0))
+    prices: dict[str, float] = field(default_factory=dict)
+    residual: tuple[float, float] = (0.0, 0.0)
+    notes: list[str] = field(default_factory=list)
+    made: list[Design] = field(default_factory=list)
+    units: list[str] = field(default_factory=list)
+    runs: int = 0
+    folder: Path = Path()
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def names(self) -> list[str]:
+        """Of parameters and results."""
+        return [one.name for one in (*self.study.parameters, *self.study.scalars)]
+
+    @property
+    def report(self) -> list[str]:
+        """What was found, in lines."""
+        return report_of(self)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the best design meets all limits."""
+        return self.best is not None and bool(self.goal.violation(self.best) == 0.0)
+
+    @property
+    def parameters(self) -> Figures:
+        """Values of the best design, by name."""
+        return Figures(self.best.point if self.best else {})
+
+    @property
+    def results(self) -> Figures:
+        """What the best design gives, by name; None for what it does not have."""
+        own = len(self.study.parameters)
+        return Figures(zip(self.names[own:], map(_finite, self.best.values[own:])) if self.best else {})
+
+    @property
+    def sensitivities(self) -> Figures:
+        """Derivatives of the results at the optimum with their errors, by name of the result and of the parameter."""
+        if self.slopes is None:
+            return Figures()
+        own, slopes = len(self.study.parameters), self.slopes
+
+        def of(j: int, k: int) -> Figures:
+            return Figures(derivative=_finite(slopes.values[j, k]), error=_finite(slopes.errors[j, k]))
+
+        names = self.names
+        return Figures({
+            names[j]: Figures({one.name: of(j, k) for k, one in enumerate(self.space.free)}) for j in range(own, len(names))
+        })  # fmt: skip
+
+    @property
+    def figures(self) -> dict:
+        """All of that as JSON has it."""
+        failed = sum(not one.ok for one in self.made)
+        found: dict = {"runs": self.runs, "failed": failed, "report": self.report, "notes": self.notes}
+        if self.best:
+            found |= {"feasible": self.feasible, "parameters": self.best.point, "results": self.results, "prices": self.prices}
+        return found | ({"sensitivities": self.sensitivities} if self.slopes is not None else {})
+
+    def history(self) -> list[list]:
+        """Return the head and the rows of the table of all runs: number, values, violation of the limits, best value so far."""
+        head = [one.label for one in self.study.parameters]
+        head += [one.name + (f"[{unit}]" if unit else "") for one, unit in zip(self.study.scalars, self.units)]
+        own, best, rows = len(self.study.parameters), math.inf, [["run", *head, "violation", "best", "failure"]]
+        for number, design in enumerate(self.made, 1):
+            violation, value = self.goal.merit(design)
+            best = min(best, value) if violation == 0.0 else best
+            shown = list(design.point.values()) + ([*design.values[own:]] if design.ok else [""] * len(self.study.scalars))
+            rows.append([number, *shown, violation, self.goal.sign * best if best < math.inf else "", design.reason])
+        return rows
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return the table of all runs."""
+        import pandas
+
+        head, *rows = self.history()
+        return pandas.DataFrame(rows, columns=head)
+
+    def _repr_html_(self) -> str:
+        return "<pre>" + html.escape("\n".join(self.report)) + "</pre>"
+
+
+def _finite(value: float) -> float | None:
+    """Return a number as JSON has it."""
+    return float(value) if np.isfinite(value) else None
+
+
+def position_of(space: Space, design: Design) -> tuple[np.ndarray, tuple]:
+    """Return position and choice of a design."""
+    position = np.array([space.unit(k, design.point[one.name]) for k, one in enumerate(space.free)])
+    return np.clip(position, 0.0, 1.0), tuple(design.point[one.name] for one in space.lists)
+
+
+def report_of(found: Optimum) -> list[str]:
+    """Return what a search has found, in lines; what its slopes do not explain is among them."""
+    study, goal, names = found.study, found.goal, found.names
+    own = len(study.parameters)
+    failed = sum(not one.ok for one in found.made)
+    lines = [f"{found.runs} runs, {failed} failed"]
+    if found.best is None:
+        return [*lines, "no run gave its results: " + found.made[0].reason if found.made else "no run was made"]
+    units = [one.unit for one in study.parameters] + found.units
+
+    def shown(k: int) -> str:
+        value = list(found.best.point.values())[k] if k < own else found.best.values[k]
+        return f"{names[k]} = {value:.6g} {units[k]}".rstrip() if isinstance(value, float) else f"{names[k]} = {value}"
+
+    goal_text = f"{'min' if goal.sign > 0 else 'max'} {names[goal.column]}"
+    missed = goal.violation(found.best)
+    head = f"best ({goal_text}): " if not missed else "no design meets all limits; the nearest one: "
+    lines.append(head + ", ".join(map(shown, range(own))))
+    lines.append("  " + ", ".join(map(shown, range(own, len(names)))))
+    for limit in goal.limits:
+        value, name = found.best.values[limit.column], names[limit.column]
+        words = f"  limit {name} {'<' if limit.sign > 0 else '>'} {limit.bound:.6g}: "
+        if limit.sign * (limit.bound - value) < 0.0:
+            lines.append(words + f"missed, {name} = {value:.6g}")
+        elif name in found.prices:
+            price = found.prices[name] * 0.01 * (abs(limit.bound) or goal.scales[limit.column])
+            lines.append(words + f"active; 1 % more changes {names[goal.column]} by {price:+.3g} {units[goal.column]}".rstrip())
+        else:
+            lines.append(words + f"not active, {name} = {value:.6g}")
+    for k, one in enumerate(found.space.free):
+        if not missed and found.slopes is not None and min(found.position[k], 1.0 - found.position[k]) <= ACTIVE:
+            lines.append(f"  {one.name} is at its {'lower' if found.position[k] < 0.5 else 'upper'} end")
+    lines += _ends(found)
+    value, good = found.best.values[goal.column], [k + 1 for k, one in enumerate(found.made) if not goal.violation(one)]
+    at = next((k for k in good if abs(found.made[k - 1].values[goal.column] - value) <= 1.0e-3 * abs(value)), 0)
+    if at:
+        lines.append(f"  within 0.1 % of the best after {at} runs")
+    return lines + [f"  note: {words}" for words in found.notes]
+
+
+def _ends(found: Optimum) -> list[str]:
+    """Return how the searches ended: at which optima."""
+    goal, ends = found.goal, []
+    for one in found.searches:
+        if one.best is None or one.ended.startswith("another") or one.central or goal.violation(one.best):
+            continue
+        position, choice = position_of(found.space, one.best)
+        if all(choice != other or np.abs(position - there).max() > SAME for there, other, _ in ends):
+            ends.append((position, choice, one.best.values[goal.column]))
+    count = len([one for one in found.searches if not one.central])
+    if not count:
+        return []
+    values = ", ".join(f"{value:.6g}" for value in sorted((value for *_, value in ends), key=lambda value: goal.sign * value)[:7])
+    several = "1 search" if count == 1 else f"{count} searches"
+    return [f"  {several} ended at {len(ends)} optim{'um' if len(ends) == 1 else 'a'}: {found.names[goal.column]} = {values}"] \
+        if ends else [f"  {several}, none of which met all limits"]  # fmt: skip
