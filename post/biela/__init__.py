@@ -22,6 +22,7 @@ _MODULES = {
     "read_summary": "histories",
     "run": "session",
     "sensitivity": "session",
+    "spectrum": "session",
     "sweep": "session",
     "tradeoff": "session",
 }

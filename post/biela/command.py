@@ -45,6 +45,8 @@ def study_parser(tool: str, description: str) -> argparse.ArgumentParser:
     found.add_argument("--output", type=Path, metavar="DIR", help=f"folder of the results (results/{tool}/<study name>)")
     found.add_argument("--jobs", type=count, help=f"runs side by side (all cores: {os.cpu_count() or 1})")
     found.add_argument("--dask", metavar="ADDRESS", help="address of a Dask scheduler, instead of this machine's cores")
+    found.add_argument("--start", type=finite, metavar="S", help="rows before do not count (results with their own `from`: that)")
+    found.add_argument("--end", type=finite, metavar="S", help="rows after do not count (results with their own `to`: that)")
     found.add_argument("--no-pictures", action="store_true", help="tables only")
     return found
 

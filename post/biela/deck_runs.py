@@ -16,7 +16,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
 import zipfile
@@ -31,6 +30,7 @@ import numpy as np
 
 from . import solver_start
 from .histories import Event, read, read_events, read_summary, still_columns
+from .progress import Progress
 from .result_files import BielaError, HistoryError
 
 COUNTS = {
@@ -172,7 +172,7 @@ class Runner:
             raise RunsError(f"{fault.filename}: {fault.strerror}{hint}") from None
         self.children: set[subprocess.Popen] = set()
         self.stopped = threading.Event()
-        self.drawing = threading.Lock()
+        self.progress = Progress(not self.quiet)
         self.made = self.found = 0
         self.started, self.earlier_seconds = time.monotonic(), _children_seconds()
         self.clock_seconds: list[float] = []  # by the clock, for each run [s]
@@ -208,7 +208,8 @@ class Runner:
             open_jobs = set(jobs.values())
             while open_jobs:
                 done, open_jobs = wait(open_jobs, timeout=0.25, return_when=FIRST_COMPLETED)
-                self._show(stage, len(jobs) - len(open_jobs), len(jobs))
+                counts = f", {self.made} runs made, {self.found} stored ones used"
+                self.progress.show(stage, len(jobs) - len(open_jobs), len(jobs), counts)
                 for job in done:
                     job.result()
             return [jobs[text].result() for text in texts]
@@ -349,21 +350,6 @@ class Runner:
         found = summary.get("reduction", {})
         model = {kind: found[kind] for kind in ("errors", "mesh_errors") if kind in found}
         return Outcome(0, "", tuple(history.names[1:]), units, history.data, seconds, counts, warnings, still, events, model)
-
-    def _show(self, stage: str, done: int, count: int) -> None:
-        """Draw the progress bar on a terminal."""
-        if self.quiet or not sys.stderr.isatty():
-            return
-        bar = ("#" * (20 * done // max(count, 1))).ljust(20, ".")
-        seconds = time.monotonic() - self.started
-        line = f"[{bar}] {stage}: {done}/{count}   {self.made} runs made, {self.found} stored ones used, {seconds:.0f} s"
-        with self.drawing:
-            print("\r" + line[:118].ljust(118), end="", file=sys.stderr, flush=True)
-
-    def clear_line(self) -> None:
-        """Take the progress bar away."""
-        if not self.quiet and sys.stderr.isatty():
-            print("\r" + " " * 118 + "\r", end="", file=sys.stderr, flush=True)
 
 
 def _median(outcomes: Sequence[Outcome]) -> Outcome:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-import time
-from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from .result_files import HistoryError
+from .study_runs import StudyRuns
 from .sweep_study import Study, StudyOptions
-from .sweep_work import Journal, executor, open_journal, run_all
 
 
 class RunsOverError(Exception):
@@ -43,43 +39,20 @@ class Design:
         return not self.reason
 
 
-@dataclass
-class DesignRuns:
-    """Makes runs of designs, side by side, each once.
+class DesignRuns(StudyRuns):
+    """Makes runs of designs, each once.
 
     Attributes:
-        study: what is varied and measured
-        text: of its deck
-        options: of the runs
-        folder: of the journal
         made: the designs in the order in which they were asked for, without those that only measure errors
+        units: of the results
     """
 
-    study: Study
-    text: str
-    options: StudyOptions
-    folder: Path
-    made: list[Design] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.study = replace(self.study, extremes=True)
-        self.journals: dict[bool, Journal] = {}
+    def __init__(self, study: Study, text: str, options: StudyOptions, folder: Path) -> None:
+        super().__init__(replace(study, extremes=True), text, options, folder)
+        self.made: list[Design] = []
         self.seen: dict[str, Design] = {}
         self.checked = 0
-        self.pool: Executor | None = None
-        self.units = [""] * len(self.study.scalars)
-        self.begun = time.monotonic()
-        try:
-            self.journal = open_journal(self.study, self.folder)
-        except OSError as fault:
-            raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
-
-    def __enter__(self) -> DesignRuns:
-        self.pool = executor(self.options)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.pool.shutdown(wait=False, cancel_futures=True)
+        self.units = [""] * len(study.scalars)
 
     @property
     def count(self) -> int:
@@ -103,12 +76,8 @@ class DesignRuns:
             if left > 0 and not check:
                 self.of(fresh[:left])
             raise RunsOverError
-        study = replace(self.study, points=tuple(fresh), check=check)
-        try:
-            found = run_all(study, self.text, self.journal, self.options, self.folder, self.pool)
-        except OSError as fault:
-            raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
-        designs = [self._design(point, self.journal.done[key]) for point, key in zip(fresh, found)]
+        found = self.entries(replace(self.study, points=tuple(fresh), check=check))
+        designs = [self._design(point, entry) for point, entry in zip(fresh, found)]
         if check:
             self.checked += len(designs)
             return designs
@@ -116,7 +85,7 @@ class DesignRuns:
             if repr(design.point) not in self.seen:
                 self.seen[repr(design.point)] = design
                 self.made.append(design)
-        self._progress()
+        self.progress.show("runs", self.count, 0)
         return [self.seen[repr(point)] for point in points]
 
     def _design(self, point: dict, entry: dict) -> Design:
@@ -132,9 +101,3 @@ class DesignRuns:
             missing = [one.name for one, value in zip(self.study.scalars, entry["values"]) if not np.isfinite(value)]
             reason = f"the run has no {missing[0]}" if missing else ""
         return Design(point, values, extremes, errors, reason)
-
-    def _progress(self) -> None:
-        """Show how many runs were made, on a terminal only."""
-        if self.options.shown and sys.stderr.isatty():
-            words = f"\r{self.count} runs, {time.monotonic() - self.begun:.0f} s "
-            print(words, end="", file=sys.stderr, flush=True)

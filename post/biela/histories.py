@@ -76,6 +76,13 @@ class History:
         """Return the largest size of a column's values."""
         return max(map(abs, self.ends[name]))
 
+    def between(self, start: float, end: float) -> History:
+        """Return the rows from one value of the first column to another, both included; HistoryError where there are none."""
+        rows = (self.time >= start) & (self.time <= end)
+        if not rows.any():
+            raise HistoryError(f"{self.path}: no row from {start:g} to {end:g}")
+        return self if rows.all() else History(self.path, self.names, self.units, np.asfortranarray(self.data[rows]))
+
     def label(self, name: str) -> str:
         """Return the name with its unit in brackets, as axes show it."""
         unit = self.units[name]

@@ -79,7 +79,7 @@ def rows(runner: Runner, deck: DeckText, families: list[str], reference: History
     meshes = {n: deck_models.with_elements(deck, "rod", n, ASKED) for n in MESHES}
     texts = [with_radius(with_setting(meshes[n], s, grid, grid.interval), r).text for n, _, r, s in plan]
     outcomes = runner.all(texts, "IVP slider-crank")
-    runner.clear_line()
+    runner.progress.clear()
     return [
         Row(n, f"{f}, radius {r:g}" if r is not None else f, s.words(grid), o, errors(o, reference))
         for (n, f, r, s), o in zip(plan, outcomes)

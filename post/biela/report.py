@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import base64
 import io
+import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,6 +26,7 @@ from .result_files import RESULT_FILES, HistoryError, note
 TEMPLATE = Path(__file__).resolve().parent / "report.html"
 MOST_COLUMNS = 40  # drawn of a history; a table of the ranges holds them all
 PANELS = 2  # of one picture: two pictures fit on a printed page
+EARLY = 0.01  # share of a run in which a largest value may be that of its start alone
 PIXELS = 96  # of an inch, as browsers count
 MOST_POINTS = 50_000  # of a picture, above which it is embedded as pixels
 
@@ -78,6 +81,8 @@ class Run:
         words: lines of summary.txt before the deck's text
         label: what tells it from the other run
         letter: of it in pictures
+        start: rows before this time do not count among the largest values [s]
+        end: rows after this time do not count among them [s]
     """
 
     folder: Path
@@ -85,6 +90,8 @@ class Run:
     words: str
     label: str
     letter: str = "A"
+    start: float = -math.inf
+    end: float = math.inf
 
     @property
     def ok(self) -> bool:
@@ -125,7 +132,7 @@ class Run:
         return "\n".join(line[2:] for line in lines[first:last])
 
 
-def load(folder: Path, label: str, letter: str) -> Run:
+def load(folder: Path, label: str, letter: str, start: float = -math.inf, end: float = math.inf) -> Run:
     """Return a run; HistoryError where the folder holds none."""
     if not folder.is_dir():
         raise HistoryError(f"{folder}: no results folder")
@@ -133,7 +140,7 @@ def load(folder: Path, label: str, letter: str) -> Run:
         words = (folder / "summary.txt").read_text(encoding="utf-8", errors="replace").partition("\ndeck text\n")[0]
     except OSError as fault:
         raise HistoryError(f"{folder}: has no readable summary.txt ({fault})") from None
-    return Run(folder, read_summary(folder), words, label, letter)
+    return Run(folder, read_summary(folder), words, label, letter, start, end)
 
 
 def embed(figure: plt.Figure, caption: str) -> Picture:
@@ -172,7 +179,8 @@ def findings(run: Run) -> dict[str, str]:
     """Return what a designer asks of a run, in words by what it is."""
     deck = parse_deck(run)
     found: list[tuple[str, str]] = []
-    table, motions, energies = (run.table(kind) for kind in ("history", "motion", "energy"))
+    table, motions = (part.between(run.start, run.end) if (part := run.table(kind)) else None for kind in ("history", "motion"))
+    energies = part.between(run.start, math.inf) if (part := run.table("energy")) else None  # what was lost is told of its end
     scene = run.figures["scene"]
     moved = from_run(motions) if motions is not None else None
     if moved is not None:
@@ -190,6 +198,15 @@ def findings(run: Run) -> dict[str, str]:
     return dict([*found, *engineering.of_modes(run.figures)])
 
 
+def early(run: Run, found: dict[str, str]) -> list[str]:
+    """Return a line that names the findings whose time lies in the first hundredth of the run, none where there are none."""
+    reached = run.figures.get("transient", {}).get("reached", 0.0)
+    times = {name: re.search(r"t = (\S+) s", words) for name, words in found.items()}
+    names = [name for name, time in times.items() if time and float(time[1]) < EARLY * reached]
+    words = f"{run.label}: in the first hundredth of the run, perhaps of its start alone (--start leaves that out)"
+    return [f"{words}: {', '.join(names)}."] if names else []
+
+
 def parse_deck(run: Run) -> deck_text.DeckText:
     """Return the deck of a run in numbers, with all included parts."""
     return deck_text.parse(run.figures["flat_deck"])
@@ -201,6 +218,9 @@ def results(runs: list[Run]) -> Section:
     found = [findings(run) for run in runs]
     names = list(dict.fromkeys(name for one in found for name in one))
     table = [[name, *(one.get(name, "–") for one in found)] for name in names]
+    notes = [words for run, one in zip(runs, found) for words in early(run, one)]
+    if math.isfinite(runs[0].start) or math.isfinite(runs[0].end):
+        notes.append(f"Rows from {max(runs[0].start, 0.0):g} s to {runs[0].end:g} s count.".replace("to inf s", "on"))
     pictures, drawn_moduli = [], []
     for run in runs:
         poles = run.figures.get("modes", {}).get("poles", [])
@@ -212,7 +232,8 @@ def results(runs: list[Run]) -> Section:
                 figure = engineering.modulus_picture(name, law, band, frequencies)
                 pictures.append(embed(figure, f"{run.label}: modulus of material {name}"))
     head = ["", *(run.label for run in runs)]
-    return Section("Results", [*(part for part in warnings if part.paragraphs), Part(head=head, rows=table, pictures=pictures)])
+    part = Part(paragraphs=notes, head=head, rows=table, pictures=pictures)
+    return Section("Results", [*(one for one in warnings if one.paragraphs), part])
 
 
 def solver_table(runs: list[Run]) -> Section:
@@ -422,7 +443,7 @@ def work(args: argparse.Namespace) -> int:
     labels = args.labels or [path.resolve().name for path in args.runs]
     if len(labels) != len(args.runs):
         raise HistoryError(f"{len(labels)} labels for {len(args.runs)} runs: one each expected")
-    runs = [load(*found) for found in zip(args.runs, labels, "AB")]
+    runs = [load(*found, args.start, args.end) for found in zip(args.runs, labels, "AB")]
     title = args.title or " – ".join(dict.fromkeys(run.figures["title"] or run.figures["deck"] for run in runs))
     path = args.output or args.runs[0] / "report.html"
     text = page(runs, title, args.tradeoff)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .fit_material import MaterialFit
     from .optimum import Optimum
     from .sensitivity_work import Sensitivity
+    from .spectrum_work import Spectrum
     from .sweep_work import Sweep
     from .tradeoff_work import Tradeoff
 
@@ -294,3 +295,27 @@ def tradeoff(deck: str | Path, folder: str | Path | None = None, **options: obje
     from .tradeoff_work import tradeoff as measure
 
     return measure(_options(TradeoffOptions, "tradeoff", deck, folder, options))
+
+
+def spectrum(
+    run: str | Path | Result | History, columns: str | list[str], start: float = -math.inf, end: float = math.inf, **options: object
+) -> Spectrum:
+    """Take the spectra of columns of a run.
+
+    Args:
+        run: a result, a history, or a results folder
+        columns: names, wildcards allowed
+        start: rows before this time do not count [s]
+        end: rows after this time do not count [s]
+        options: `orders="crank"`, the column of a drive's angle [rad]; `most=5` lines a column
+
+    Returns:
+        `lines` with frequency, error and amplitude; `amplitudes`, `densities`, `to_dataframe()`, `picture()`.
+
+    Raises:
+        BielaError: there is no such column, or there are too few rows.
+    """
+    from .spectrum_work import spectrum as take
+
+    table = run.history if isinstance(run, Result) else run if isinstance(run, History) else read(run)
+    return take(table.between(start, end), [columns] if isinstance(columns, str) else columns, **options)

@@ -46,6 +46,7 @@ class Scalar:
         at: time, load or frequency of `value`
         band: of `settling_time`, in parts of the range
         start: rows before this time do not count [s]
+        end: rows after this time do not count [s]
         key: of `summary`, parts separated by dots
         stated_unit: of `summary`, whose figures have none
         mode: number of a vibration, 1 the lowest: among the damped ones where there are such
@@ -59,6 +60,7 @@ class Scalar:
     at: float = 0.0
     band: float = 0.02
     start: float = -np.inf
+    end: float = np.inf
     key: str = ""
     stated_unit: str = ""
     mode: int = 0
@@ -82,7 +84,7 @@ class Scalar:
             raise ValueError(f"column = {self.column!r}: the name of a body expected")
         if not self.of_summary and not self.mode and not (self.column and isinstance(self.column, str)):
             raise ValueError(f"measure = {self.measure!r} needs a column")
-        for word, value in (("at", self.at), ("band", self.band), ("from", self.start)):
+        for word, value in (("at", self.at), ("band", self.band), ("from", self.start), ("to", self.end)):
             if not isinstance(value, (int, float)):
                 raise ValueError(f"{word} = {value!r}: a number expected")
 
@@ -110,7 +112,8 @@ class Scalar:
             axis: the file's first column, ascending
             values: the column
         """
-        axis, values = axis[axis >= self.start], values[axis >= self.start]
+        inside = (axis >= self.start) & (axis <= self.end)
+        axis, values = axis[inside], values[inside]
         if not values.size:
             return np.nan
         simple = {
@@ -137,7 +140,8 @@ class Scalar:
             axis: the file's first column, ascending
             values: the column
         """
-        axis, values = axis[axis >= self.start], values[axis >= self.start]
+        inside = (axis >= self.start) & (axis <= self.end)
+        axis, values = axis[inside], values[inside]
         if self.measure == "peak":
             return sorted(maxima(axis, values) + maxima(axis, -values), key=lambda one: -one[1])[:EXTREMES]
         return [(at, -value) for at, value in maxima(axis, -values)] if self.measure == "min" else maxima(axis, values)

@@ -123,6 +123,8 @@ class StudyOptions:
         best: 'min NAME' or 'max NAME', '': what the study says
         where: conditions 'NAME < VALUE' beside those of the study
         at: 'NAME=VALUE' of parameters at which sensitivities are taken
+        start: rows before do not count for results that do not say `from` themselves [s]
+        end: rows after do not count for results that do not say `to` themselves [s]
         shown: the progress is shown, where standard error is a terminal
     """
 
@@ -135,6 +137,8 @@ class StudyOptions:
     best: str = ""
     where: tuple[str, ...] = ()
     at: tuple[str, ...] = ()
+    start: float = -math.inf
+    end: float = math.inf
     shown: bool = False
 
     @property
@@ -335,10 +339,10 @@ def _range(name: str, entry: dict, log: bool) -> tuple:
 
 def _scalar(entry: dict) -> Scalar:
     """Return one [[result]]."""
-    _known(entry, ("name", "measure", "column", "file", "at", "band", "from", "key", "unit", "mode"), "[[result]]")
+    _known(entry, ("name", "measure", "column", "file", "at", "band", "from", "to", "key", "unit", "mode"), "[[result]]")
     if "unit" in entry and (entry.get("measure") != "summary" or not isinstance(entry["unit"], str)):
         raise StudyError(f"[[result]] {entry.get('name', '')}: unit = '...' belongs to measure = 'summary', others have their own")
-    options = {{"from": "start", "unit": "stated_unit"}.get(key, key): value for key, value in entry.items()}
+    options = {{"from": "start", "to": "end", "unit": "stated_unit"}.get(key, key): value for key, value in entry.items()}
     try:
         return Scalar(**options)
     except (TypeError, ValueError) as fault:

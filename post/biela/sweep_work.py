@@ -4,218 +4,32 @@ from __future__ import annotations
 
 import argparse
 import csv
-import hashlib
 import html
-import json
 import math
 import operator
 import re
-import shutil
 import sys
 import tempfile
-import time
-from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from . import command, deck_text, histories
 from .result_files import HistoryError, remove_noted
-from .sweep_run import Batch, Row, assign, assignments, end_with_parent, literal, run_batch
+from .study_runs import StudyRuns
+from .sweep_run import assign, literal
 from .sweep_scalars import Scalar, vibrations
 from .sweep_study import Study, StudyError, StudyOptions, read
 
 if TYPE_CHECKING:
     import pandas
 
-FOLDER = Path(__file__).resolve().parents[1]  # of the package
-BATCH = 50
 COMPARISONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
 CONDITION = re.compile(r"\s*(\w+)\s*(<=|>=|<|>)\s*(\S+)\s*")
 
 
-class Journal:
-    """The finished runs of a sweep, one line of JSON each; a sweep that was interrupted reads them and continues.
-
-    Attributes:
-        path: the file
-        done: what each run gave, by its key: the fields of a `Row`
-        damaged: numbers of lines that cannot be read, as an interruption leaves them: their runs are made again
-    """
-
-    def __init__(self, path: Path, results: int) -> None:
-        """Read the journal of a study with that many results."""
-        self.path = path
-        self.done: dict[str, dict] = {}
-        self.damaged: list[int] = []
-        text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
-        for number, line in enumerate(text.split("\n"), 1):
-            entry = _entry(line, results)
-            if entry:
-                self.done[entry["key"]] = entry
-            elif line.strip():
-                self.damaged.append(number)
-        if self.damaged or text[-1:] not in ("", "\n"):  # what follows must not be joined to a line that was cut
-            repaired = path.with_name(path.name + ".new")
-            repaired.write_text("".join(json.dumps(entry) + "\n" for entry in self.done.values()), encoding="utf-8")
-            repaired.replace(path)
-
-    @property
-    def warnings(self) -> list[str]:
-        """What is damaged, in words."""
-        more = f" and {len(self.damaged) - 1} more" if len(self.damaged) > 1 else ""
-        return [f"{self.path}: line {self.damaged[0]}{more} cannot be read; the runs are made again"] if self.damaged else []
-
-    def add(self, rows: dict[str, Row]) -> None:
-        """Write the rows of a batch, by their keys."""
-        with self.path.open("a", encoding="utf-8") as file:
-            for key, row in rows.items():
-                self.done[key] = {"key": key, **asdict(row)}
-                file.write(json.dumps(self.done[key]) + "\n")
-
-
-def _entry(line: str, results: int) -> dict | None:
-    """Return the run that a line of a journal tells, None where it is damaged."""
-    try:
-        entry = json.loads(line)
-        values, units, reason = entry["values"], entry["units"], entry["reason"]
-        numbers = [float(value) for value in values]
-        strings = (isinstance(word, str) for word in (entry["key"], reason, *units))
-        count = 0 if reason else results
-        return entry if all(strings) and len(numbers) == len(units) == count else None
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return None
-
-
-def keys(study: Study, text: str, biela: Path) -> list[str]:
-    """Return a key for each run: a hash of solver, deck, values, measures and what measures. The same key means the same run."""
-    programs = biela, *(FOLDER / "biela" / name for name in ("sweep_run.py", "sweep_scalars.py"))
-    solver = hashlib.sha256(b"".join(path.read_bytes() for path in programs)).hexdigest()
-    targets = [[one.name, [asdict(target) for target in one.targets], one.catalogue] for one in study.parameters]
-    common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets, study.extremes, study.check])
-    head = hashlib.sha256(common.encode())
-    found = []
-    for point in study.points:
-        own = head.copy()
-        own.update(json.dumps(point, default=str).encode())
-        found.append(own.hexdigest()[:24])
-    return found
-
-
-def batches(study: Study, wanted: list[int], options: StudyOptions, folder: Path) -> Iterator[Batch]:
-    """Yield batches of the runs that are still to be made."""
-    size = max(1, min(BATCH, len(wanted) // (4 * options.workers) or 1))
-    for first in range(0, len(wanted), size):
-        runs = {number: assignments(study, study.points[number]) for number in wanted[first : first + size]}
-        keep = str(folder / "runs") if options.keep else None
-        solver, lean = str(options.biela.resolve()), not options.keep
-        yield Batch(solver, str(study.deck), runs, study.scalars, keep, lean, study.extremes, study.check)
-
-
-def _on_worker(folder: str, batch: bytes) -> list[Row]:
-    """Run a batch on a Dask worker, which may never have seen this package."""
-    import pickle
-    import sys
-
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
-    from biela.sweep_run import run_batch
-
-    return run_batch(pickle.loads(batch))
-
-
-def executor(options: StudyOptions) -> Executor:
-    """Return what runs batches: this machine's cores, or a Dask scheduler; HistoryError where there is none."""
-    if not options.dask:
-        return ProcessPoolExecutor(max_workers=options.workers, initializer=end_with_parent)
-    try:
-        from dask.distributed import Client
-    except ImportError:
-        raise HistoryError("--dask needs the package distributed: pip install 'dask[distributed]'") from None
-    try:
-        return Client(options.dask, timeout="10s").get_executor(pure=False, retries=5)
-    except OSError as fault:
-        raise HistoryError(f"--dask {options.dask}: no scheduler answers ({fault})") from None
-
-
-def submit(pool: Executor, batch: Batch, options: StudyOptions) -> Future:
-    """Hand a batch over."""
-    if not options.dask:
-        return pool.submit(run_batch, batch)
-    import pickle
-
-    return pool.submit(_on_worker, str(FOLDER), pickle.dumps(batch))
-
-
-def begin_kept(folder: Path, found: list[str], keep: bool) -> None:
-    """Remove the decks and results that --keep left of another study; the file `keys` says whose they are."""
-    mark = folder / "keys"
-    words = "\n".join(found)
-    if mark.is_file() and mark.read_text(encoding="utf-8") == words:
-        return
-    for path in [*folder.glob("[0-9]" * 6 + ".nml"), *folder.glob("results/" + "[0-9]" * 6)]:
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
-    if keep:
-        folder.mkdir(parents=True, exist_ok=True)
-        mark.write_text(words, encoding="utf-8")
-
-
-def run_all(
-    study: Study, text: str, journal: Journal, options: StudyOptions, folder: Path, pool: Executor | None = None
-) -> list[str]:
-    """Make the runs that the journal does not have and return the keys of all; after Ctrl-C the finished ones stay in it.
-
-    Args:
-        study: what is run
-        text: of its deck
-        journal: of the runs
-        options: of the runs
-        folder: where decks and results stay with --keep
-        pool: what runs batches, which stays open; without it one is opened, and the progress is shown
-    """
-    found = keys(study, text, options.biela)
-    begin_kept(folder / "runs", found, options.keep)
-    wanted = [k for k, key in enumerate(found) if key not in journal.done]
-    begun, done = time.monotonic(), 0
-    if not wanted:
-        return found
-    waiting = batches(study, wanted, options, folder)
-    used = pool or executor(options)
-    running: set[Future] = set()
-    try:
-        while True:
-            while len(running) < 3 * options.workers and (batch := next(waiting, None)):
-                running.add(submit(used, batch, options))
-            if not running:
-                break
-            finished, running = wait(running, return_when=FIRST_COMPLETED)
-            for future in finished:
-                rows = future.result()
-                journal.add({found[row.number]: row for row in rows})
-                done += len(rows)
-            if not pool and options.shown:
-                _progress(done, len(wanted), time.monotonic() - begun)
-        if not pool:
-            used.shutdown()
-    except KeyboardInterrupt:
-        used.shutdown(wait=False, cancel_futures=True)
-        raise HistoryError(f"interrupted after {done} of {len(wanted)} runs; the same command continues") from None
-    return found
-
-
-def _progress(done: int, total: int, seconds: float) -> None:
-    """Show how far the sweep is, on a terminal only."""
-    if sys.stderr.isatty():
-        left = seconds / max(done, 1) * (total - done)
-        bar = "#" * (30 * done // total)
-        end = "\n" if done == total else ""
-        print(f"\r[{bar:<30}] {done}/{total} runs, {left:.0f} s left ", end=end, file=sys.stderr, flush=True)
-
-
-def table(study: Study, journal: Journal, found: list[str]) -> tuple[list[str], list[list]]:
+def table(study: Study, entries: list[dict]) -> tuple[list[str], list[list]]:
     """Return the header and the rows of the table, in the order of the design."""
-    entries = [journal.done[key] for key in found]
     units = next((entry["units"] for entry in entries if entry["units"]), [""] * len(study.scalars))
     header = [parameter.label for parameter in study.parameters]
     header += [scalar.name + (f"[{unit}]" if unit else "") for scalar, unit in zip(study.scalars, units)] + ["failure"]
@@ -300,6 +114,10 @@ def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, str]:
     if not options.biela.is_file():
         raise HistoryError(f"{options.biela}: no such program: build it with make, or name it with --biela")
     study = read(options.study, design)
+    starts = [one.start if math.isfinite(one.start) else options.start for one in study.scalars]
+    ends = [one.end if math.isfinite(one.end) else options.end for one in study.scalars]
+    scalars = tuple(replace(one, start=start, end=end) for one, start, end in zip(study.scalars, starts, ends))
+    study = replace(study, scalars=scalars)
     base = deck_text.read(study.deck, biela=options.biela)
     known = [group.name for group in base.all("parameter")]
     for parameter in study.parameters:
@@ -332,12 +150,6 @@ def _with_shapes(scalars: tuple[Scalar, ...], deck: deck_text.DeckText, biela: P
         raise StudyError(f"mode = {most}: the deck has {len(shapes)} vibrations")
     parts = [tuple(float(x) for value in shape for x in (value.real, value.imag)) for shape in shapes]
     return tuple(replace(one, shape=parts[one.mode - 1]) if one.mode else one for one in scalars)
-
-
-def open_journal(study: Study, folder: Path) -> Journal:
-    """Return the journal of a study in its folder, which is made; OSError where it cannot be."""
-    folder.mkdir(parents=True, exist_ok=True)
-    return Journal(folder / "journal.jsonl", len(study.scalars))
 
 
 def tell(tool: str, warnings: list[str]) -> None:
@@ -395,13 +207,10 @@ def sweep(options: StudyOptions) -> Sweep:
     """Run a study, or what is not stored of it, and write its table; BielaError where it cannot be run."""
     study, text = prepare(options)
     folder = options.folder("sweep")
-    try:
-        journal = open_journal(study, folder)
-        found = run_all(study, text, journal, options, folder)
-    except OSError as fault:
-        raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None
+    with StudyRuns(study, text, options, folder) as runs:
+        entries = runs.entries(study)
     remove_noted(folder)
-    result = Sweep(study, folder, *table(study, journal, found), journal.warnings)
+    result = Sweep(study, folder, *table(study, entries), runs.journal.warnings)
     write_table(folder / "table.csv", result.header, result.rows)
     return result
 

@@ -281,7 +281,7 @@ def tradeoff(options: TradeoffOptions) -> Tradeoff:
         base = (deck_truth if options.truth == "deck" else refined_truth)(study, deck, written)
     except OutOfTimeError:
         paragraph, text = nothing_finished(study, options.deck.name)
-        runner.clear_line()
+        runner.progress.clear()
         (folder / "tradeoff.txt").write_text(text, encoding="utf-8")
         return Tradeoff(folder, study, None, paragraph, text)
     own = Point("deck as written", None, deck, written, error_of(written, study.truth))
@@ -298,7 +298,7 @@ def tradeoff(options: TradeoffOptions) -> Tradeoff:
     run_with_accuracy(study, result, deck)
     if base.doublings:
         split(study, result, deck, base.doublings)
-    runner.clear_line()
+    runner.progress.clear()
     found = Tradeoff(folder, study, result, verdict(study, result), table(study, result))
     (folder / "tradeoff.txt").write_text(found.text, encoding="utf-8")
     return found

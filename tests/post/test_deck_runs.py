@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from biela import deck_runs
 from biela.deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
+from biela.progress import Progress
 from conftest import TIMEOUT, wait_for
 
 ENDLESS = "sleep 600\n"
@@ -190,24 +191,25 @@ def test_a_solver_or_a_folder_that_cannot_be_used(runner, tmp_path):
         Runner(runner.biela, runner.biela / "kept")
 
 
-def test_the_progress_bar_is_for_a_terminal(runner, monkeypatch, capsys):
-    runner._show("reference", 1, 4)
-    runner.clear_line()
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    runner.quiet = True
-    runner._show("reference", 1, 4)
-    runner.clear_line()
+def test_the_progress_bar_is_for_a_terminal(monkeypatch, capsys):
+    for terminal, shown in ((False, True), (True, False)):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda terminal=terminal: terminal)
+        progress = Progress(shown)
+        progress.show("reference", 1, 4)
+        progress.clear()
     assert capsys.readouterr().err == ""
-    runner.quiet, runner.made, runner.found = False, 3, 2
-    monkeypatch.setattr(deck_runs.time, "monotonic", lambda: runner.started + 7.0)
-    runner._show("reference, rk4", 1, 4)
-    line = f"[{'#' * 5}{'.' * 15}] reference, rk4: 1/4   3 runs made, 2 stored ones used, 7 s"
+    progress = Progress(True)
+    progress.begun -= 7.0
+    progress.show("reference, rk4", 1, 4, ", 3 runs made, 2 stored ones used")
+    line = f"[{'#' * 5}{'.' * 15}] reference, rk4: 1/4, 7 s, 3 runs made, 2 stored ones used"
     assert capsys.readouterr().err == "\r" + line.ljust(118)
-    runner._show("reference" * 20, 4, 4)
-    runner.clear_line()
-    shown = capsys.readouterr().err
-    assert len(shown) == 1 + 118 + 1 + 118 + 1
-    assert shown.endswith("\r" + " " * 118 + "\r")
+    progress.show("runs", 12, 0)
+    assert capsys.readouterr().err == "\r" + "runs: 12, 7 s".ljust(118)
+    progress.show("reference" * 20, 4, 4)
+    progress.clear()
+    told = capsys.readouterr().err
+    assert len(told) == 1 + 118 + 1 + 118 + 1
+    assert told.endswith("\r" + " " * 118 + "\r")
 
 
 def test_the_place_of_a_run_is_its_own_and_goes(runner, tmp_path):

@@ -10,7 +10,7 @@ from pathlib import Path
 import biela as package
 import numpy as np
 import pytest
-from biela import design_space, sweep_work
+from biela import design_space, study_runs
 from biela.commands import optimise as optimise_command
 from biela.commands import sensitivity as sensitivity_command
 from conftest import ROOT
@@ -72,7 +72,7 @@ def test_a_search_goes_on_and_tells_what_holds_it_back(optimise, tmp_path, monke
     lines = journal.read_text().splitlines(keepends=True)
     journal.write_text("".join(lines[: len(lines) // 2]))
     pool = Pool(problem.function)
-    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: pool)
+    monkeypatch.setattr(study_runs, "ProcessPoolExecutor", lambda **_: pool)
     assert optimise() == (status, whole)
     assert pool.runs == len(lines) - len(lines) // 2
     table = list(csv.DictReader(Path("results/optimise/study/history.csv").read_text().splitlines()))
@@ -90,10 +90,10 @@ def test_what_cannot_be_met_is_told(optimise, tmp_path, monkeypatch, capsys):
     _, found = optimise("--no-pictures")
     assert found["notes"] == ["runs = 7: they are used up; the search was not finished"]
     pool = Pool(lambda **_: {"f": math.nan, "g": 0.0})
-    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: pool)
+    monkeypatch.setattr(study_runs, "ProcessPoolExecutor", lambda **_: pool)
     Path("results/optimise/study/journal.jsonl").unlink()
     install(monkeypatch, tmp_path, problem)
-    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: pool)
+    monkeypatch.setattr(study_runs, "ProcessPoolExecutor", lambda **_: pool)
     assert optimise_command.main(["study.toml", "--jobs", "1"]) == 2
     assert "none of 8 runs all over the ranges gave its results: the solver failed" in capsys.readouterr().err
 

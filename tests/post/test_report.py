@@ -114,6 +114,17 @@ def test_what_a_designer_asks_comes_first(run_deck, tmp_path):
     both = engineering._power(np.arange(4.0), np.array([0.0, 7505.0, -8772.0, 1.0]))
     assert both == "7505 W at t = 1 s; -8772 W at t = 2 s", "the motor's, and the brake's"
     assert "largest force, a_p" not in found, "rounding"
+    late = report_tool.load(run.folder, "arm", "A", 0.25, 0.75)
+    assert report_tool.findings(late)["largest kinetic energy"].split("at")[0] == found["largest kinetic energy"].split("at")[0]
+    times = [float(time) for words in report_tool.findings(late).values() for time in re.findall(r"t = (\S+) s", words)]
+    assert min(times) >= 0.25
+    assert "Rows from 0.25 s to 0.75 s count." in report_tool.results([late]).parts[-1].paragraphs
+    run.figures["transient"]["reached"] = 1.0
+    of_start = {"largest force, pin": "45 kN at t = 0.004 s", "work": "3 J", "largest moment": "2 Nm at t = 0.5 s"}
+    told = report_tool.early(run, of_start)
+    assert told == [
+        "arm: in the first hundredth of the run, perhaps of its start alone (--start leaves that out): largest force, pin."
+    ]
     first = report_tool.results([run])
     assert first.parts[-1].pictures[0].caption == "arm: modulus of material a_rubber"
     assert run.outcome == "done, within what the model can tell"

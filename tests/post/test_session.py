@@ -93,6 +93,23 @@ def test_fits_in_threads_are_those_of_one_after_the_other_and_leave_nothing(tmp_
     assert {path.name for path in (tmp_path / "kept").iterdir()} == {"elastomer.nml", "elastomer.png"}
 
 
+def test_a_spectrum_is_data(capsys):
+    """The rate of a mass on 400 N/m that is let go: one line at 20/(2 pi) Hz."""
+    deck = """&body name='b' mass=1 inertia=1 position=1.1,0 /
+&joint name='g' type='prismatic' body_a='b' /
+&spring name='s' type='linear' body_a='b' stiffness=400 free_length=1 /
+&sensor name='x' quantity='position' body='b' /
+&transient t_end=4 method='dopri5' tolerance=1e-9 output_step=0.01 /
+"""
+    arm = package.run(deck)
+    (line,) = package.spectrum(arm, "x.x", start=0.5).lines
+    assert abs(line.frequency - 20.0 / (2.0 * np.pi)) <= line.error < 0.02
+    assert line.amplitude == pytest.approx(0.1, rel=0.01)
+    found = package.spectrum(arm.history, ["x.x"])
+    assert found.to_dataframe()["column"].tolist() == ["x.x"]
+    assert capsys.readouterr() == ("", "")
+
+
 def test_a_study_gives_its_table(tmp_path):
     (tmp_path / "deck.nml").write_text(DECK)
     lines = "[[parameter]]\nname='L'\nvalues=[1.0, 2.0]\n[[result]]\nname='end'\nmeasure='final'\ncolumn='a'\n"

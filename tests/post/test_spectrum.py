@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pandas
 import pytest
-from biela import export, spectrum
+from biela import export
+from biela import spectrum_work as spectrum
 from biela.commands import export as export_command
 from biela.commands import spectrum as spectrum_command
 from biela.histories import read

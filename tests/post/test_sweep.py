@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import sweep_scalars, sweep_study, sweep_work
+from biela import study_runs, sweep_scalars, sweep_study
 from biela.commands import sweep as sweep_command
 from biela.histories import read
 from biela.sweep_scalars import Scalar
@@ -97,7 +97,7 @@ def test_a_sweep_goes_on_where_it_was_interrupted(study, monkeypatch, capsys):
     without_values = f'{{"key": {json.dumps(json.loads(lines[0])["key"])}}}\n'
     journal.write_text("".join([without_values, *lines[1:4], "[" * 20_000 + "\n", lines[4][:20]]), encoding="utf-8")
     ran = []
-    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: Inline(ran))
+    monkeypatch.setattr(study_runs, "ProcessPoolExecutor", lambda **_: Inline(ran))
     capsys.readouterr()
     Path("results/sweep/study/map_old.png").write_text("of another study")
     Path("results/sweep/study/.drawn").write_text("map_old.png\nnone.png\n")
@@ -119,7 +119,7 @@ class Inline:
     def submit(self, work, batch):
         """Work at once."""
         self.ran.append(batch)
-        future = sweep_work.Future()
+        future = study_runs.Future()
         future.set_result(work(batch))
         return future
 
@@ -229,6 +229,10 @@ def test_a_force_keeps_the_sensor_that_it_depends_on(study):
     status, rows = study(text + "[[result]]\nname = 'v'\nmeasure = 'min'\ncolumn = 'v.x'\n", "--no-pictures")
     assert status == 0
     np.testing.assert_allclose([float(row["v[m/s]"]) for row in rows], [-2.0, -3.0], rtol=1.0e-9)
+    result = "[[result]]\nname = '{}'\nmeasure = 'min'\ncolumn = 'v.x'\n{}"
+    status, (row, _) = study(text + result.format("v", "") + result.format("w", "to = 0.25\n"), "--end", "0.5", "--no-pictures")
+    assert float(row["v[m/s]"]) == pytest.approx(-2.0 * np.sin(1.0), rel=1.0e-9), "the last row that counts"
+    assert float(row["w[m/s]"]) == pytest.approx(-2.0 * np.sin(0.5), rel=1.0e-9), "a result's own end goes first"
 
 
 OSCILLATORS = """&parameter name='k' value=400 /
@@ -358,17 +362,17 @@ def test_an_interrupted_sweep_says_how_to_go_on(study, monkeypatch, capsys):
     Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
     text = STUDY.replace("points = 3", "points = 2")
     ran = []
-    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: Interrupted(ran))
+    monkeypatch.setattr(study_runs, "ProcessPoolExecutor", lambda **_: Interrupted(ran))
     assert study(text, "--jobs", "1")[0] == 2
     assert capsys.readouterr().err == "sweep: interrupted after 3 of 4 runs; the same command continues\n"
-    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: Inline(ran))
+    monkeypatch.setattr(study_runs, "ProcessPoolExecutor", lambda **_: Inline(ran))
     ran.clear()
     assert study(text, "--no-pictures")[0] == 0
     assert len(ran) == 1
     journal = Path("results/sweep/study/journal.jsonl")
     written = journal.read_bytes()
     journal.write_bytes(written + b"\xff\xfe cut\n")
-    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: pytest.fail("all was run before"))
+    monkeypatch.setattr(study_runs, "ProcessPoolExecutor", lambda **_: pytest.fail("all was run before"))
     status, rows = study(text, "--no-pictures")
     assert (status, len(rows)) == (0, 4)
 

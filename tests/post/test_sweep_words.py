@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import sweep_run, sweep_study, sweep_work
+from biela import study_runs, sweep_run, sweep_study, sweep_work
 from biela.deck_text import parse
 from biela.histories import HistoryError
 from biela.sweep_run import Batch, assign, literal, run_batch
@@ -119,6 +119,7 @@ def test_zip_takes_the_values_in_turn(tmp_path):
         ({"at": "end"}, "at = 'end': a number expected"),
         ({"band": [0.1]}, "band = [0.1]: a number expected"),
         ({"start": "0"}, "from = '0': a number expected"),
+        ({"end": "0"}, "to = '0': a number expected"),
     ],
 )
 def test_what_a_result_cannot_be_is_told(words, told):
@@ -155,6 +156,7 @@ def folder(tmp_path):
         ({"measure": "range", "column": "b"}, 12.0, "rad/s"),
         ({"measure": "mean", "column": "a"}, -1.0, "m"),
         ({"measure": "mean", "column": "a", "start": 2.0}, 1.0, "m"),
+        ({"measure": "max", "column": "b", "end": 1.0}, 4.0, "rad/s"),
         ({"measure": "min", "column": "b"}, -2.0, "rad/s"),
         ({"measure": "rms", "column": "a", "start": 2.0}, 1.0, "m"),
         ({"measure": "final", "column": "b"}, 10.0, "rad/s"),
@@ -277,18 +279,9 @@ def test_lean_decks_keep_what_is_measured(tmp_path):
 def test_a_worker_that_never_saw_the_folder_runs_a_batch(tmp_path, monkeypatch):
     import pickle
 
-    monkeypatch.setattr(sys, "path", [word for word in sys.path if Path(word).resolve() != sweep_work.FOLDER])
-    rows = sweep_work._on_worker(str(sweep_work.FOLDER), pickle.dumps(batch(tmp_path, "exit 0")))
+    monkeypatch.setattr(sys, "path", [word for word in sys.path if Path(word).resolve() != study_runs.FOLDER])
+    rows = study_runs._on_worker(str(study_runs.FOLDER), pickle.dumps(batch(tmp_path, "exit 0")))
     assert [row.reason for row in rows] == ["history.txt: No such file or directory"] * 2
-
-
-def test_the_progress_bar_is_for_a_terminal(monkeypatch, capsys):
-    sweep_work._progress(1, 4, 2.0)
-    assert capsys.readouterr().err == ""
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    sweep_work._progress(1, 4, 2.0)
-    sweep_work._progress(4, 4, 8.0)
-    assert capsys.readouterr().err == f"\r[{'#' * 7:<30}] 1/4 runs, 6 s left \r[{'#' * 30}] 4/4 runs, 0 s left \n"
 
 
 def study_of(folder: Path, text: str = f"deck = 'a.nml'\n{VALUES}{RESULT}"):

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Callable
 
+from biela.study_runs import Future
 from biela.sweep_run import Batch, Row
-from biela.sweep_work import Future
 
 
 @dataclass(frozen=True)
@@ -223,9 +223,9 @@ def write(folder: Path, problem: Problem, runs: int = 1000) -> None:
 
 def install(monkeypatch, folder: Path, problem: Problem, runs: int = 1000) -> Pool:
     """Write study.toml and deck.nml of a problem into a folder and let sweeps run its function; returns the executor."""
-    from biela import sweep_work
+    from biela import study_runs
 
     write(folder, problem, runs)
     pool = Pool(problem.function)
-    monkeypatch.setattr(sweep_work, "ProcessPoolExecutor", lambda **_: pool)
+    monkeypatch.setattr(study_runs, "ProcessPoolExecutor", lambda **_: pool)
     return pool

@@ -9,6 +9,7 @@ and the deck stand last. Of two runs the differences are drawn and tabulated, to
 writes results/slider_crank_elastic/report.html.
 """
 
+import math
 from pathlib import Path
 
 from .. import command
@@ -18,6 +19,8 @@ parser.add_argument("runs", nargs="+", type=Path, metavar="RESULTS", help="one r
 parser.add_argument("--labels", nargs="+", metavar="TEXT", help="names of the runs (those of their folders)")
 parser.add_argument("--title", help="headline (the first deck's title)")
 parser.add_argument("--tradeoff", type=Path, metavar="FOLDER", help="of a trade-off study (results/tradeoff/<deck name>)")
+parser.add_argument("--start", type=float, default=-math.inf, metavar="S", help="largest values: rows before do not count")
+parser.add_argument("--end", type=float, default=math.inf, metavar="S", help="largest values: rows after do not count")
 parser.add_argument("--output", type=Path, metavar="FILE", help="the page (report.html in the first folder)")
 
 main = command.program(parser, "report.work")

@@ -28,4 +28,4 @@ parser.add_argument("--speed", metavar="COLUMN", help="with --waterfall: column 
 parser.add_argument("--peaks", type=int, default=5, metavar="N", help="peaks that are named (%(default)s)")
 parser.add_argument("--output", type=Path, metavar="FILE", help="the picture: .png, .pdf, .svg (spectrum.png beside the run)")
 
-main = command.program(parser, "spectrum.spectrum")
+main = command.program(parser, "spectrum_work.work")

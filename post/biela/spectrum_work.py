@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -16,6 +18,9 @@ from .picture_files import save
 from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
 from .result_files import HistoryError
 from .sweep_scalars import spectral_line
+
+if TYPE_CHECKING:
+    import pandas
 
 LEAST_ROWS = 16  # rows that a spectrum needs
 LEAST_PERIODS = 2  # periods in the run that a peak needs: below, within the window's main lobe, stands what drifts
@@ -107,29 +112,105 @@ def last_visible(size: np.ndarray) -> int:
     return min(max(3 * last // 2, LEAST_ROWS), size.size - 1)
 
 
-def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, abscissa: str, unit: str, most: int) -> plt.Figure:
-    """Return a figure of amplitude and density of every column, and print the peaks."""
+@dataclass(frozen=True)
+class Line:
+    """A line of a spectrum: its column, frequency or order with the error of it, and amplitude in the column's unit."""
+
+    column: str
+    frequency: float
+    error: float
+    amplitude: float
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """What frequencies, or orders of a drive, columns hold.
+
+    Attributes:
+        abscissa: 'frequency' or 'order of COLUMN'
+        unit: of it: 'Hz' or 'per turn'
+        units: of each column
+        amplitudes: frequencies and amplitudes (Hann window, trend removed) of each column
+        densities: frequencies and power spectral density (Welch) of each column
+        lines: of all columns
+    """
+
+    abscissa: str
+    unit: str
+    units: dict[str, str]
+    amplitudes: dict[str, tuple[np.ndarray, np.ndarray]]
+    densities: dict[str, tuple[np.ndarray, np.ndarray]]
+    lines: list[Line]
+
+    def words(self, line: Line) -> str:
+        """Return a line in words."""
+        of = pretty_unit(self.units[line.column])
+        return f"{line.column}: {line.frequency:.5g} ± {line.error:.2g} {self.unit}, amplitude {line.amplitude:.4g} {of}".rstrip()
+
+    def picture(self) -> plt.Figure:
+        """Draw amplitude and density of every column."""
+        return draw_spectrum(self)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return the lines: column, frequency and its error, amplitude in the column's unit."""
+        import pandas
+
+        rows = [[one.column, one.frequency, one.error, one.amplitude, self.units[one.column]] for one in self.lines]
+        return pandas.DataFrame(rows, columns=["column", f"frequency_[{self.unit}]", f"error_[{self.unit}]", "amplitude", "unit"])
+
+    def _repr_html_(self) -> str:
+        return self.to_dataframe().to_html()
+
+
+def spectrum(run: History, columns: list[str], orders: str | None = None, most: int = 5) -> Spectrum:
+    """Take the spectra of columns.
+
+    Args:
+        run: the history
+        columns: names, wildcards allowed
+        orders: column of a drive's angle, of whose rotation orders are taken [rad]
+        most: lines of a column
+
+    Raises:
+        HistoryError: there is no such column, too few rows, or the drive does not turn one way.
+    """
+    axis_values, abscissa, unit = run.time, "frequency", "Hz"
+    if orders:
+        axis_values, abscissa, unit = run[orders] / (2.0 * np.pi), f"order of {orders}", "per turn"
+        if np.any(np.diff(axis_values) <= 0.0):
+            raise HistoryError(f"{run.path}: {orders} does not increase throughout: orders need a drive that turns one way")
+    found = Spectrum(abscissa, unit, {}, {}, {}, [])
+    for name in run.match(columns):
+        axis, values = even_samples(axis_values, run[name])
+        frequency, size = amplitudes(axis, values)
+        found.units[name], found.amplitudes[name], found.densities[name] = run.units[name], (frequency, size), density(axis, values)
+        for k in peaks(size, most):
+            at, error, top = spectral_line(size, k)
+            found.lines.append(Line(name, at * frequency[1], error * frequency[1], top))
+    return found
+
+
+def draw_spectrum(found: Spectrum) -> plt.Figure:
+    """Return a figure of amplitude and density of every column, with its lines."""
+    names, unit = list(found.units), found.unit
     with plt.rc_context(LOOK):
         figure, axes = plt.subplots(len(names), 2, figsize=(11.0, 0.8 + 2.6 * len(names)), squeeze=False, layout="constrained")
         for line, name in zip(axes, names):
-            axis, values = even_samples(axis_values, run[name])
-            frequency, size = amplitudes(axis, values)
-            of = run.units[name]
+            frequency, size = found.amplitudes[name]
+            of = found.units[name]
             line[0].plot(frequency[1:], size[1:], color=COLOURS[0])
             line[0].set_ylim(0.0, 1.2 * size[1:].max() or 1.0)
-            found = peaks(size, most)
-            if len(found) > 1 and size[found].min() < SMALL * size[found].max():
+            tops = [one.amplitude for one in found.lines if one.column == name]
+            if len(tops) > 1 and min(tops) < SMALL * max(tops):
                 line[0].set_yscale("log")
-                line[0].set_ylim(0.2 * size[found].min(), 3.0 * size[found].max())
-            for k in found:
-                at, error, top = spectral_line(size, k)
-                line[0].plot(at * frequency[1], top, "o", color=COLOURS[1], markersize=3)
-                words = f"{at * frequency[1]:.5g} ± {error * frequency[1]:.2g} {unit}"
-                print(f"{name}: {words}, amplitude {top:.4g} {pretty_unit(of)}")
+                line[0].set_ylim(0.2 * min(tops), 3.0 * max(tops))
+            for one in found.lines:
+                if one.column == name:
+                    line[0].plot(one.frequency, one.amplitude, "o", color=COLOURS[1], markersize=3)
             line[0].set_ylabel(axis_label(name, of))
             line[0].set_title("amplitude", fontsize=9)
             line[0].set_xlim(0.0, frequency[last_visible(size)])
-            band, power = density(axis, values)
+            band, power = found.densities[name]
             line[1].semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
             squared = f"{of}²" if of.isalpha() else f"({pretty_unit(of)})²" if of else "1"
             line[1].set_ylabel(f"[{squared}/{unit.replace('per turn', 'order')}]")
@@ -139,7 +220,7 @@ def draw_spectrum(run: History, names: list[str], axis_values: np.ndarray, absci
             if seen.size and seen.max() > 0.0:
                 line[1].set_ylim(0.5 * max(seen.min(), seen.max() * 1.0e-12), 3.0 * seen.max())
         for axis in axes[-1]:
-            axis.set_xlabel(f"{abscissa} [{unit}]")
+            axis.set_xlabel(f"{found.abscissa} [{unit}]")
         for axis in axes[:, 0]:
             tops = [line.get_xydata()[0] for line in axis.lines[1:]]
             labels.write(
@@ -200,10 +281,9 @@ def draw_decay(run: History, names: list[str]) -> plt.Figure:
     return figure
 
 
-def spectrum(args: argparse.Namespace) -> int:
+def work(args: argparse.Namespace) -> int:
     """Draw what the command line asks for; raises HistoryError."""
-    run = read(args.run)
-    run = History(run.path, run.names, run.units, run.data[(run.time >= args.start) & (run.time <= args.end)])
+    run = read(args.run).between(args.start, args.end)
     names = run.match(args.columns)
     if args.peaks < 0:
         raise HistoryError(f"--peaks {args.peaks}: 0 or more expected")
@@ -215,13 +295,11 @@ def spectrum(args: argparse.Namespace) -> int:
         figure = draw_waterfall(run, names[0], args.speed)
     elif args.decay:
         figure = draw_decay(run, names)
-    elif args.orders:
-        turns = run[args.orders] / (2.0 * np.pi)
-        if np.any(np.diff(turns) <= 0.0):
-            raise HistoryError(f"{run.path}: {args.orders} does not increase throughout: orders need a drive that turns one way")
-        figure = draw_spectrum(run, names, turns, f"order of {args.orders}", "per turn", args.peaks)
     else:
-        figure = draw_spectrum(run, names, run.time, "frequency", "Hz", args.peaks)
+        found = spectrum(run, names, args.orders, args.peaks)
+        for line in found.lines:
+            print(found.words(line))
+        figure = found.picture()
     path = save(figure, args.output or run.path.parent / "spectrum")
     print(f"wrote {path}")
     return 0

@@ -1,0 +1,38 @@
+"""One line on a terminal that says how far a study is; nothing where standard error is no terminal."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+
+WIDTH = 118  # letters of the line
+
+
+class Progress:
+    """The line, which each call writes anew.
+
+    Attributes:
+        shown: whether it is written
+    """
+
+    def __init__(self, shown: bool) -> None:
+        self.shown = shown and sys.stderr.isatty()
+        self.begun = time.monotonic()
+        self.lock = threading.Lock()
+
+    def show(self, what: str, done: int, count: int, more: str = "") -> None:
+        """Write how many of so many are done, how long that took, and more words; count 0: how many there will be is not known."""
+        seconds = time.monotonic() - self.begun
+        bar = f"[{'#' * (20 * done // count):.<20}] " if count else ""
+        line = f"{bar}{what}: {done}{f'/{count}' if count else ''}, {seconds:.0f} s{more}"
+        self._write("\r" + line[:WIDTH].ljust(WIDTH))
+
+    def clear(self) -> None:
+        """Take the line away."""
+        self._write("\r" + " " * WIDTH + "\r")
+
+    def _write(self, text: str) -> None:
+        if self.shown:
+            with self.lock:
+                print(text, end="", file=sys.stderr, flush=True)

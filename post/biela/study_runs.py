@@ -1,0 +1,214 @@
+"""Makes the runs of a study side by side, on the cores at hand or a Dask cluster, each once: finished ones stand in a journal."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from dataclasses import asdict
+from pathlib import Path
+
+from .progress import Progress
+from .result_files import HistoryError
+from .sweep_run import Batch, Row, assignments, end_with_parent, run_batch
+from .sweep_study import Study, StudyOptions
+
+FOLDER = Path(__file__).resolve().parents[1]  # of the package
+BATCH = 50
+
+
+class Journal:
+    """The finished runs of a sweep, one line of JSON each; a sweep that was interrupted reads them and continues.
+
+    Attributes:
+        path: the file
+        done: what each run gave, by its key: the fields of a `Row`
+        damaged: numbers of lines that cannot be read, as an interruption leaves them: their runs are made again
+    """
+
+    def __init__(self, path: Path, results: int) -> None:
+        """Read the journal of a study with that many results."""
+        self.path = path
+        self.done: dict[str, dict] = {}
+        self.damaged: list[int] = []
+        text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
+        for number, line in enumerate(text.split("\n"), 1):
+            entry = _entry(line, results)
+            if entry:
+                self.done[entry["key"]] = entry
+            elif line.strip():
+                self.damaged.append(number)
+        if self.damaged or text[-1:] not in ("", "\n"):  # what follows must not be joined to a line that was cut
+            repaired = path.with_name(path.name + ".new")
+            repaired.write_text("".join(json.dumps(entry) + "\n" for entry in self.done.values()), encoding="utf-8")
+            repaired.replace(path)
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is damaged, in words."""
+        more = f" and {len(self.damaged) - 1} more" if len(self.damaged) > 1 else ""
+        return [f"{self.path}: line {self.damaged[0]}{more} cannot be read; the runs are made again"] if self.damaged else []
+
+    def add(self, rows: dict[str, Row]) -> None:
+        """Write the rows of a batch, by their keys."""
+        with self.path.open("a", encoding="utf-8") as file:
+            for key, row in rows.items():
+                self.done[key] = {"key": key, **asdict(row)}
+                file.write(json.dumps(self.done[key]) + "\n")
+
+
+def _entry(line: str, results: int) -> dict | None:
+    """Return the run that a line of a journal tells, None where it is damaged."""
+    try:
+        entry = json.loads(line)
+        values, units, reason = entry["values"], entry["units"], entry["reason"]
+        numbers = [float(value) for value in values]
+        strings = (isinstance(word, str) for word in (entry["key"], reason, *units))
+        count = 0 if reason else results
+        return entry if all(strings) and len(numbers) == len(units) == count else None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def keys(study: Study, text: str, biela: Path) -> list[str]:
+    """Return a key for each run: a hash of solver, deck, values, measures and what measures. The same key means the same run."""
+    programs = biela, *(FOLDER / "biela" / name for name in ("sweep_run.py", "sweep_scalars.py"))
+    solver = hashlib.sha256(b"".join(path.read_bytes() for path in programs)).hexdigest()
+    targets = [[one.name, [asdict(target) for target in one.targets], one.catalogue] for one in study.parameters]
+    common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets, study.extremes, study.check])
+    head = hashlib.sha256(common.encode())
+    found = []
+    for point in study.points:
+        own = head.copy()
+        own.update(json.dumps(point, default=str).encode())
+        found.append(own.hexdigest()[:24])
+    return found
+
+
+def batches(study: Study, wanted: list[int], options: StudyOptions, folder: Path) -> Iterator[Batch]:
+    """Yield batches of the runs that are still to be made."""
+    size = max(1, min(BATCH, len(wanted) // (4 * options.workers) or 1))
+    for first in range(0, len(wanted), size):
+        runs = {number: assignments(study, study.points[number]) for number in wanted[first : first + size]}
+        keep = str(folder / "runs") if options.keep else None
+        solver, lean = str(options.biela.resolve()), not options.keep
+        yield Batch(solver, str(study.deck), runs, study.scalars, keep, lean, study.extremes, study.check)
+
+
+def _on_worker(folder: str, batch: bytes) -> list[Row]:
+    """Run a batch on a Dask worker, which may never have seen this package."""
+    import pickle
+    import sys
+
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    from biela.sweep_run import run_batch
+
+    return run_batch(pickle.loads(batch))
+
+
+def executor(options: StudyOptions) -> Executor:
+    """Return what runs batches: this machine's cores, or a Dask scheduler; HistoryError where there is none."""
+    if not options.dask:
+        return ProcessPoolExecutor(max_workers=options.workers, initializer=end_with_parent)
+    try:
+        from dask.distributed import Client
+    except ImportError:
+        raise HistoryError("--dask needs the package distributed: pip install 'dask[distributed]'") from None
+    try:
+        return Client(options.dask, timeout="10s").get_executor(pure=False, retries=5)
+    except OSError as fault:
+        raise HistoryError(f"--dask {options.dask}: no scheduler answers ({fault})") from None
+
+
+def submit(pool: Executor, batch: Batch, options: StudyOptions) -> Future:
+    """Hand a batch over."""
+    if not options.dask:
+        return pool.submit(run_batch, batch)
+    import pickle
+
+    return pool.submit(_on_worker, str(FOLDER), pickle.dumps(batch))
+
+
+def begin_kept(folder: Path, found: list[str], keep: bool) -> None:
+    """Remove the decks and results that --keep left of another study; the file `keys` says whose they are."""
+    mark = folder / "keys"
+    words = "\n".join(found)
+    if mark.is_file() and mark.read_text(encoding="utf-8") == words:
+        return
+    for path in [*folder.glob("[0-9]" * 6 + ".nml"), *folder.glob("results/" + "[0-9]" * 6)]:
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    if keep:
+        folder.mkdir(parents=True, exist_ok=True)
+        mark.write_text(words, encoding="utf-8")
+
+
+class StudyRuns:
+    """Makes runs of a study and of what searches ask of it.
+
+    Attributes:
+        study: what is varied and measured
+        text: of its deck, and of what that includes
+        options: of the runs
+        folder: of the journal, and of decks and results that stay
+        journal: of the runs
+        progress: on the terminal
+    """
+
+    def __init__(self, study: Study, text: str, options: StudyOptions, folder: Path) -> None:
+        self.study, self.text, self.options, self.folder = study, text, options, folder
+        self.progress = Progress(options.shown)
+        self.pool: Executor | None = None
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self.journal = Journal(folder / "journal.jsonl", len(study.scalars))
+        except OSError as fault:
+            raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None
+
+    def __enter__(self) -> StudyRuns:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.pool:
+            self.pool.shutdown(wait=False, cancel_futures=True)
+        self.progress.clear()
+
+    def entries(self, study: Study) -> list[dict]:
+        """Make the runs of the study's points that the journal does not have, and return what it has of all.
+
+        Raises:
+            HistoryError: Ctrl-C, where the finished ones stay in the journal; the solver or the journal cannot be used.
+        """
+        try:
+            return self._entries(study)
+        except OSError as fault:
+            raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
+
+    def _entries(self, study: Study) -> list[dict]:
+        found = keys(study, self.text, self.options.biela)
+        begin_kept(self.folder / "runs", found, self.options.keep)
+        wanted = [k for k, key in enumerate(found) if key not in self.journal.done]
+        begun, done = time.monotonic(), 0
+        waiting = batches(study, wanted, self.options, self.folder)
+        if wanted and not self.pool:
+            self.pool = executor(self.options)
+        running: set[Future] = set()
+        try:
+            while True:
+                while len(running) < 3 * self.options.workers and (batch := next(waiting, None)):
+                    running.add(submit(self.pool, batch, self.options))
+                if not running:
+                    return [self.journal.done[key] for key in found]
+                finished, running = wait(running, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    rows = future.result()
+                    self.journal.add({found[row.number]: row for row in rows})
+                    done += len(rows)
+                left = (time.monotonic() - begun) / max(done, 1) * (len(wanted) - done)
+                self.progress.show("runs", done, len(wanted), f", {left:.0f} s left")
+        except KeyboardInterrupt:
+            self.pool.shutdown(wait=False, cancel_futures=True)
+            raise HistoryError(f"interrupted after {done} of {len(wanted)} runs; the same command continues") from None
