@@ -246,6 +246,15 @@ def test_loads_that_do_not_change_with_the_position_hold_nothing(run_deck, load,
     assert not run.folder.exists()
 
 
+def test_velocities_of_free_bodies_hold_nothing(run_deck):
+    """Two bodies that fly hinged to one another, as a deck may start them."""
+    deck = "&body name='a' mass=1.0 inertia=0.1 velocity=0.1,0.2 /\n&body name='b' mass=1.0 inertia=0.1 position=1.0,0.3 /\n"
+    deck += "&joint name='j' type='revolute' body_a='a' point_a=0.5,0.0 body_b='b' point_b=-0.5,-0.3 /\n&static /\n"
+    for spin in (0.0, 3.0):
+        turned = deck.replace("velocity=0.1", f"angular_velocity={spin} velocity=0.1")
+        assert 'left free to move: "a" "b"' in run_deck(turned, expect=2, name=f"spin{spin}").stderr
+
+
 @pytest.mark.parametrize("links", [3, 30])
 def test_a_chain_hangs(static_of, links):
     """From level: every link ends upright, each pin carries what hangs below it."""

@@ -49,6 +49,7 @@ contains
     call find_free(run, ds, x, free)
     if (.not. any(free)) return
     start = run%y
+    run%y(ds%n + 1:2*ds%n) = 0.0_wp                  ! centrifugal forces of bodies that nothing drives hold nothing
     call move(run, aside/max(aside, largest_motion(run, x, 1.0_wp))*x)
     call equations(run, options, ds, r, unused)
     call weigh(run, motion_units(run)*[(2 + sin(real(k, wp)**2), k=1, ds%n)], 1.0_wp, ds)
