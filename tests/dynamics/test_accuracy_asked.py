@@ -95,7 +95,7 @@ def test_no_rate_is_believed_that_was_not_seen(run_deck):
     assert passes(run) == [("radau", 1e-5), ("dopri5", 1e-6), ("dopri5", 1e-7)]
     given_up, first, last = run.figures["accuracy"]["passes"]
     assert 0.0 < given_up["reached"] < 0.06
-    assert given_up["cost"] < 0.51 * 7 * 0.06 / run.figures["stable_steps"]["dopri5"]["safe_bound"]
+    assert given_up["cost"] < 0.34 * 7 * 0.06 / run.figures["stable_steps"]["dopri5"]["safe_bound"]
     assert "worst_column" not in first
     assert last["worst_column"] == "rr.fy[N]"
 
@@ -154,7 +154,7 @@ def test_a_finer_pass_takes_shorter_steps_where_stability_sets_them(run_deck):
 @pytest.mark.parametrize("override", ["floor=100.0", "accuracy=0.9"])
 def test_a_sensor_may_ask_for_less(override, run_deck):
     """The reaction that rings does not rule the position any more."""
-    words = "accuracy=1e-3"
+    words = "accuracy=1e-3 method='radau'"
     strict = run_deck(BAR.format(damping="", override="", words=words))
     eased = run_deck(BAR.format(damping="", override=override, words=words), name="eased")
     assert eased.figures["accuracy"]["cost"] < 0.3 * strict.figures["accuracy"]["cost"]
