@@ -15,7 +15,6 @@ module accuracy_ladder
   !> How a pass ended.
   integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
 
-  integer, parameter :: most_passes = 16
   real(wp), parameter :: most_slow = 3.0_wp    !! comparisons in a row whose difference is not halved: it does not converge [-]
   real(wp), parameter :: finer = 0.1_wp        !! tolerance of a pass, of that of the one before [-]
   real(wp), parameter :: coarsest = 1.0e-2_wp, least = 1.0e-13_wp   !! tolerances [-]
@@ -42,7 +41,7 @@ module accuracy_ladder
     logical :: over = .false.
     logical :: kept = .false.                 !! the accuracy is
     integer :: count = 0                      !! passes, with the one under way
-    type(pass_record) :: passes(most_passes)
+    type(pass_record), allocatable :: passes(:)
     integer :: stored = 0                     !! pass whose rows are stored, 0: none
     integer :: delivered = 0                  !! pass whose files have their names, 0: none
     character(160) :: choice = ''             !! why the method
@@ -77,6 +76,7 @@ contains
     self%active = .true.
     self%asked = d%transient
     self%accuracy = smallest_accuracy(d)
+    allocate (self%passes(0))
     allocate (self%apart(columns + 1), source=huge(1.0_wp))
     allocate (self%slow(columns + 1), source=0.0_wp)
     allocate (self%absolute(columns), source=0.0_wp)
@@ -130,12 +130,8 @@ contains
   subroutine add(self, pass)
     class(pass_ladder), intent(inout) :: self
     type(pass_record), intent(in) :: pass
-    if (self%count == most_passes) then
-      call finish(self, 'the error does not fall below the accuracy in 16 passes')
-      return
-    end if
-    self%count = self%count + 1
-    self%passes(self%count) = pass
+    self%passes = [self%passes, pass]
+    self%count = size(self%passes)
   end subroutine add
 
   !> The first pass of a method, and why it is that one. Columns of radau err by about its tolerance, those of dopri5 by ten times
@@ -250,6 +246,7 @@ contains
     real(wp), allocatable :: words(:)         ! of the passes [any]
     if (.not. self%active) return
     call a%exchange(self%count)
+    if (.not. a%saving) self%passes = spread(pass_record(), 1, self%count)
     words = transfer(self%passes, [0.0_wp])
     call a%exchange(words)
     self%passes = transfer(words, self%passes)
