@@ -189,8 +189,10 @@ contains
       outcome = paused
       do while (outcome == paused)
         call one_portion(run, march, from, to, outcome)
-        if (march%pilot .or. march%ladder%active) march%stopped = march%cost(run) > march%budget .or. &
-          (run%late() .and. (march%pilot .or. march%ladder%delivered > 0))
+        if (march%pilot .or. march%ladder%active) then
+          march%stopped = run%late() .and. (march%pilot .or. march%ladder%delivered > 0)
+          if (march%cost(run) > march%budget) march%stopped = .true.
+        end if
         if (march%stopped .and. outcome == paused) return
         if (outcome == paused) call interrupt(run, march, fail)
         if (fail%happened()) return
