@@ -4,7 +4,7 @@ module deck_get
   use kinds, only: wp
   use text, only: lower, to_text, quoted
   use deck_input, only: deck_source
-  use deck_key, only: expectation, in_range, range_text
+  use deck_key, only: expectation, in_range, is_whole, range_text
   use deck_keys, only: keys
   use deck_numbers, only: read_real, read_integer, whole_number
   use expression, only: with_unit
@@ -33,10 +33,23 @@ contains
     real(wp) :: value
     integer :: assignment
     logical :: good
-    call single_value(deck, row, assignment, good, '; decimals take a point')
-    if (good) call real_of(deck, row, deck%token(assignment, 1), value, good)
-    if (good) call check_range(deck, row, value, assignment, good)
-    if (good) x = value
+    call single_value(deck, row, assignment, good)
+    if (good) call number_of(deck, row, deck%token(assignment, 1), value, good)
+    if (.not. good) return
+    if (in_range(keys(row), value)) then
+      x = value
+      call deck%mark_good(assignment)
+    else
+      call fault(deck, row, '='//deck%written(deck%token(assignment, 1))//' is out of range, expected '//expectation(keys(row))// &
+        instead())
+    end if
+  contains
+    !> What to do instead of the value 0, where that is known.
+    function instead() result(t)
+      character(:), allocatable :: t
+      t = ''
+      if (keys(row)%instead /= '' .and. abs(value) <= 0.0_wp) t = '; '//trim(keys(row)%instead)
+    end function instead
   end subroutine get_real
 
   !> Two real numbers, a vector.
@@ -44,22 +57,9 @@ contains
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: row                    !! of the key in the table
     real(wp), intent(inout) :: x(2)               !! receives the values [as the key]
-    real(wp) :: values(2)
-    integer :: assignment, k
-    logical :: good
-    call deck%look_up(row, assignment)
-    if (assignment == 0) return
-    if (deck%values(assignment) /= 2) then
-      call fault(deck, row, ' has '//counted(deck%values(assignment))//', expected 2: '// &
-        expectation(keys(row)))
-      return
-    end if
-    do k = 1, deck%tokens(assignment)
-      call real_of(deck, row, deck%token(assignment, k), values(k), good)
-      if (.not. good) return
-    end do
-    x = values(deck%expanded(assignment))
-    call deck%mark_good(assignment)
+    real(wp), allocatable :: values(:)
+    call get_reals(deck, row, values)
+    if (size(values) == 2) x = values
   end subroutine get_pair
 
   !> A whole number.
@@ -67,12 +67,10 @@ contains
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: row                    !! of the key in the table
     integer, intent(inout) :: n                   !! receives the value
-    integer :: assignment, value
-    logical :: good
-    call single_value(deck, row, assignment, good)
-    if (good) call integer_of(deck, row, deck%token(assignment, 1), value, good)
-    if (good) call check_range(deck, row, real(value, wp), assignment, good)
-    if (good) n = value
+    real(wp) :: x
+    x = n
+    call get_real(deck, row, x)
+    n = nint(x)
   end subroutine get_integer
 
   !> A whole number, or 'auto': the number is then left as it is.
@@ -95,7 +93,7 @@ contains
       expectation(keys(row)), good)
   end subroutine get_auto
 
-  !> Real numbers, all in one range.
+  !> Numbers, all in one range; as many as may be, or the two of a vector.
   subroutine get_reals(deck, row, x)
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: row                          !! of the key in the table
@@ -106,13 +104,16 @@ contains
     allocate (x(0))
     call deck%look_up(row, assignment)
     if (assignment == 0) return
+    if (keys(row)%type == 'pair' .and. deck%values(assignment) /= 2) then
+      call fault(deck, row, ' has '//counted(deck%values(assignment))//', expected 2: '//expectation(keys(row)))
+      return
+    end if
     allocate (values(deck%tokens(assignment)))
     do k = 1, size(values)
-      call real_of(deck, row, deck%token(assignment, k), values(k), good)
+      call number_of(deck, row, deck%token(assignment, k), values(k), good)
       if (.not. good) return
       if (in_range(keys(row), values(k))) cycle
-      call fault(deck, row, ' has the value '//deck%written(deck%token(assignment, k))// &
-        ', expected every '//range_text(keys(row)))
+      call fault(deck, row, ' has the value '//deck%written(deck%token(assignment, k))//', expected every '//range_text(keys(row)))
       return
     end do
     x = values(deck%expanded(assignment))
@@ -120,23 +121,13 @@ contains
   end subroutine get_reals
 
   !> Whole numbers.
-  subroutine get_integers(deck, row, x)
+  subroutine get_integers(deck, row, n)
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: row                          !! of the key in the table
-    integer, allocatable, intent(out) :: x(:)           !! the values, size 0 if not given or faulty
-    integer, allocatable :: values(:)
-    integer :: assignment, k
-    logical :: good
-    allocate (x(0))
-    call deck%look_up(row, assignment)
-    if (assignment == 0) return
-    allocate (values(deck%tokens(assignment)))
-    do k = 1, size(values)
-      call integer_of(deck, row, deck%token(assignment, k), values(k), good)
-      if (.not. good) return
-    end do
-    x = values(deck%expanded(assignment))
-    call deck%mark_good(assignment)
+    integer, allocatable, intent(out) :: n(:)           !! the values, size 0 if not given or faulty
+    real(wp), allocatable :: x(:)
+    call get_reals(deck, row, x)
+    n = nint(x)
   end subroutine get_integers
 
   !> Checks that two lists that belong together have equal lengths; silent where one of them is missing or faulty.
@@ -194,12 +185,11 @@ contains
   end subroutine get_text
 
   !> Finds the one value of a key.
-  subroutine single_value(deck, row, assignment, good, hint)
+  subroutine single_value(deck, row, assignment, good)
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: row                    !! of the key in the table
     integer, intent(out) :: assignment            !! number of its assignment in the group, 0: nothing to read
     logical, intent(out) :: good
-    character(*), intent(in), optional :: hint    !! added where two whole numbers stand, as in 1,5
     character(:), allocatable :: expected
     integer :: k
     call deck%look_up(row, assignment)
@@ -208,8 +198,9 @@ contains
     good = deck%values(assignment) == 1
     if (good) return
     expected = 'expected 1'
-    if (present(hint) .and. deck%tokens(assignment) == 2) then
-      if (all([(verify(deck%written(deck%token(assignment, k)), '+-0123456789') == 0, k=1, 2)])) expected = expected//hint
+    if (keys(row)%type == 'real' .and. deck%tokens(assignment) == 2) then       ! as in 1,5
+      if (all([(verify(deck%written(deck%token(assignment, k)), '+-0123456789') == 0, k=1, 2)])) expected = expected// &
+        '; decimals take a point'
     end if
     if (deck%tokens(assignment) == 1) then
       associate (only => deck%token(assignment, 1))
@@ -243,47 +234,38 @@ contains
     end select
   end subroutine check_form
 
-  !> A real number from one value.
-  subroutine real_of(deck, row, token, x, good)
+  !> A number from one value: a whole one where the key takes such.
+  subroutine number_of(deck, row, token, x, good)
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: row                 !! of the key in the table
     type(value_token), intent(in) :: token     !! the value
-    real(wp), intent(out) :: x                 !! 0 if it is not good [as the variable]
+    real(wp), intent(out) :: x                 !! [as the key]
     logical, intent(out) :: good
     character(:), allocatable :: problem, braced
+    integer :: n
     x = token%number
     good = token%form == expression_value
-    if (good) return
-    call check_form(deck, row, token, bare_value, 'a number', good)
-    if (.not. good) return
-    call read_real(deck%word(token), x, problem)
-    if (index(problem, ' 1.5e-3') > 0) then
-      braced = with_unit(deck%word(token))
-      problem = problem//' or {2*pi}'
-      if (len(braced) > 0) problem = 'is not a number, expected '//braced
-    end if
-    call check_word(deck, row, token, problem, good)
-  end subroutine real_of
-
-  !> A whole number from one value.
-  subroutine integer_of(deck, row, token, n, good)
-    class(deck_source), intent(inout) :: deck
-    integer, intent(in) :: row                 !! of the key in the table
-    type(value_token), intent(in) :: token     !! the value
-    integer, intent(out) :: n                  !! 0 if it is not good
-    logical, intent(out) :: good
-    character(:), allocatable :: problem
+    if (good .and. .not. is_whole(keys(row))) return
     n = 0
-    if (token%form == expression_value) then
+    problem = ''
+    if (good) then
       call whole_number(token%number, n, problem)
       if (len(problem) == 0) deck%parts%values(token%position)%number = n
-    else
+    else if (is_whole(keys(row))) then
       call check_form(deck, row, token, bare_value, 'a whole number', good)
-      if (.not. good) return
-      call read_integer(deck%word(token), n, problem)
+      if (good) call read_integer(deck%word(token), n, problem)
+    else
+      call check_form(deck, row, token, bare_value, 'a number', good)
+      if (good) call read_real(deck%word(token), x, problem)
+      if (index(problem, ' 1.5e-3') > 0) then
+        braced = with_unit(deck%word(token))
+        problem = problem//' or {2*pi}'
+        if (len(braced) > 0) problem = 'is not a number, expected '//braced
+      end if
     end if
-    call check_word(deck, row, token, problem, good)
-  end subroutine integer_of
+    if (is_whole(keys(row))) x = n
+    if (good) call check_word(deck, row, token, problem, good)
+  end subroutine number_of
 
   !> Reports what is wrong with a value, if anything is.
   subroutine check_word(deck, row, token, problem, good)
@@ -303,22 +285,6 @@ contains
     character(*), intent(in) :: message        !! what is wrong, what was expected; the key's name stands before it
     call deck%complain(trim(keys(row)%name), trim(keys(row)%name)//message)
   end subroutine fault
-
-  !> Reports a value out of its range; one that lies in it is good.
-  subroutine check_range(deck, row, value, assignment, good)
-    class(deck_source), intent(inout) :: deck
-    integer, intent(in) :: row               !! of the key in the table
-    real(wp), intent(in) :: value            !! [as the key]
-    integer, intent(in) :: assignment        !! number of the assignment in the group
-    logical, intent(out) :: good
-    character(:), allocatable :: expected
-    good = in_range(keys(row), value)
-    if (good) call deck%mark_good(assignment)
-    if (good) return
-    expected = expectation(keys(row))
-    if (keys(row)%instead /= '' .and. abs(value) <= 0.0_wp) expected = expected//'; '//trim(keys(row)%instead)
-    call check_word(deck, row, deck%token(assignment, 1), 'is out of range, expected '//expected, good)
-  end subroutine check_range
 
   !> A number of values in words.
   pure function counted(n) result(t)

@@ -5,7 +5,7 @@ module deck_key
   use text, only: joined, quoted, to_text
   implicit none (type, external)
   private
-  public :: in_range, range_text, expectation, kinds_text, word_number, split
+  public :: in_range, is_whole, range_text, expectation, kinds_text, word_number, split
 
   integer, parameter, public :: longest_word = 20   !! letters of the longest key, and of the longest word that one may have
 
@@ -33,6 +33,12 @@ contains
     yes = x >= v%low .and. x <= v%high
     if (v%strict) yes = x > v%low .and. x < v%high
   end function in_range
+
+  !> Whether a key takes whole numbers.
+  pure logical function is_whole(v) result(yes)
+    type(key), intent(in) :: v
+    yes = index(v%type, 'integer') == 1 .or. v%type == 'auto'
+  end function is_whole
 
   !> A range in words: `density > 0`, `0 < tolerance < 1`, `spectral_radius from 0 to 0.99`; without limits `phase=number`.
   pure function range_text(v) result(t)
