@@ -17,7 +17,7 @@ module assembly_conflict
   use mechanism, only: mechanism_model
   use position_closing, only: closed_gap
   use scene_model, only: scene
-  use text, only: exact_text, to_text
+  use text, only: either, exact_text, to_text
   use trial_scene, only: assemble_scene
   implicit none (type, external)
   private
@@ -83,7 +83,7 @@ contains
         words = name_of(d, culprit)//' holds'//where_closed//', but no way there was found from the positions in the deck'// &
                 what_is_expected
       else if (c%drive) then
-        unit = trim(merge(' rad', ' m  ', c%angular))
+        unit = either(' rad', ' m', c%angular)
         words = name_of(d, culprit)//' starts at '//exact_text(c%start_value())//unit//', but its bodies stand at '// &
                 exact_text(c%measure(ev%p))//unit//where_closed//': '
         if (surplus) words = words//'these leave no motion that could follow it'

@@ -3,7 +3,7 @@ module deck_changes
   use kinds, only: wp
   use deck_mesh, only: set_elements
   use deck_records, only: deck
-  use text, only: to_text
+  use text, only: either, to_text
   implicit none (type, external)
   private
   public :: can_change, change_body, change_words
@@ -88,7 +88,7 @@ contains
     do b = 1, size(changed)
       if (.not. changed(b)) cycle
       n = n + 1
-      if (n <= most) on = on//trim(merge(', ', '  ', n > 1))//' "'//trim(d%bodies(b)%name)//'"'
+      if (n <= most) on = on//either(',', '', n > 1)//' "'//trim(d%bodies(b)%name)//'"'
       if (n == 1) text = to_text(d%bodies(b)%elements)//merge(' element ', ' elements', d%bodies(b)%elements == 1)
     end do
     if (n > most) on = on//' and '//to_text(n - most)//' more'

@@ -11,7 +11,7 @@ module loop_analysis
   use scene_run, only: run_state, no_output, warn, stop_if_signalled
   use sorting, only: ascending
   use summary_text, only: summary_record
-  use text, only: joined, to_text
+  use text, only: either, joined, to_text
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -106,7 +106,7 @@ contains
     call text%close()
     call tell_limits(run, text)
     if (grow > 0) call warn(run, 'a closed loop is unstable: '//to_text(grow)//' of the poles '// &
-                            trim(merge('grows', 'grow ', grow == 1))//' (poles.txt)', text)
+                            either('grows', 'grow', grow == 1)//' (poles.txt)', text)
   end subroutine run_loops
 
   !> Warns of controllers that are at a limit in the evaluated state: there they do not answer to small motions.

@@ -8,6 +8,7 @@ module rigid_mobility
   use mechanism, only: mechanism_model
   use summary_text, only: summary_record
   use trial_scene, only: assemble_deck
+  use text, only: either
   implicit none (type, external)
   private
   public :: mobility_lines
@@ -27,7 +28,7 @@ contains
       return
     end if
     call text%figure('  rigid mobility: ', 'rigid_mobility', free)
-    call text%figure(trim(merge(' degree ', ' degrees', free == 1))//' of freedom with all bodies rigid, ', &
+    call text%figure(either(' degree', ' degrees', free == 1)//' of freedom with all bodies rigid, ', &
                      'driven_freedoms', free - driven)
     call text%line(' of them driven')
   end subroutine mobility_lines

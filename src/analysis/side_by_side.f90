@@ -7,7 +7,7 @@ module side_by_side
   use posix, only: caught_signal, exit_at_once, hold_signals, nameless_file, read_back, standard_error, start_child, tell, &
     wait_for_child, write_bytes
   use run_deck, only: run_one_deck, run_options
-  use text, only: fixed_text, to_text
+  use text, only: either, fixed_text, to_text
   implicit none (type, external)
   private
   public :: run_side_by_side
@@ -104,6 +104,6 @@ contains
       n = n + 1
       from = from + at
     end do
-    words = to_text(n)//trim(merge(' warning ', ' warnings', n == 1))
+    words = to_text(n)//either(' warning', ' warnings', n == 1)
   end function warnings
 end module side_by_side

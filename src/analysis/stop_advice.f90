@@ -8,7 +8,7 @@ module stop_advice
   use readable_text, only: json_text
   use stops, only: example_depth, share_of_contact, stop_model
   use summary_text, only: json_number, summary_record
-  use text, only: to_text
+  use text, only: either, to_text
   implicit none (type, external)
   private
   public :: advise_stops, cannot_follow
@@ -72,21 +72,21 @@ contains
       stiffness = f%stiffness_at(depth)
       words = '  stop "'//trim(f%name)//'": '
       if (f%rigid) words = words//'rigid'
-      if (.not. f%rigid) words = words//'stiffness '//to_text(stiffness)//trim(merge(' Nm/rad', ' N/m   ', f%angular))
+      if (.not. f%rigid) words = words//'stiffness '//to_text(stiffness)//either(' Nm/rad', ' N/m', f%angular)
       call text%open('', '{')
       call text%member('name', json_text(trim(f%name)))
       if (.not. f%rigid) call text%member('stiffness', json_number(stiffness))
       if (f%rigid .and. mass < huge(1.0_wp)) then
         call text%member('mass', json_number(mass))
-        words = words//', met by '//to_text(mass)//trim(merge(' kg m2', ' kg   ', f%angular))
+        words = words//', met by '//to_text(mass)//either(' kg m2', ' kg', f%angular)
       else if (mass < huge(1.0_wp)) then
         speed = sqrt(2*stiffness*depth**2/(f%exponent*(f%exponent + 1)*mass))
         time = f%impact_time(mass, speed)
         call text%member('mass', json_number(mass))
         call text%member('speed', json_number(speed))
         call text%member('contact', json_number(time))
-        words = words//', against '//to_text(mass)//trim(merge(' kg m2', ' kg   ', f%angular))//'; a contact from '// &
-                to_text(speed)//trim(merge(' rad/s', ' m/s  ', f%angular))//' lasts '//to_text(time)//' s and takes steps of '// &
+        words = words//', against '//to_text(mass)//either(' kg m2', ' kg', f%angular)//'; a contact from '// &
+                to_text(speed)//either(' rad/s', ' m/s', f%angular)//' lasts '//to_text(time)//' s and takes steps of '// &
                 to_text(share_of_contact*time)//' s'
         do side = 1, 2
           limit = cannot_follow(m, merge(f%ia, f%ib, side == 1), time)

@@ -4,8 +4,8 @@ module text
   implicit none (type, external)
   private
   character(*), parameter, public :: digits = '0123456789', letters = 'abcdefghijklmnopqrstuvwxyz'
-  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, hexadecimal, joined, listed, quoted, nearest_word, &
-    meant_word, word_hash
+  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, hexadecimal, joined, listed, either, quoted, &
+    nearest_word, meant_word, word_hash
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
   interface to_text
@@ -221,6 +221,15 @@ contains
     write (t, '(z4.4)') n
     t = lower(t)
   end function hexadecimal
+
+  !> The first text where something is true, else the second.
+  pure function either(first, second, true) result(t)
+    character(*), intent(in) :: first, second
+    logical, intent(in) :: true
+    character(:), allocatable :: t
+    t = second
+    if (true) t = first
+  end function either
 
   !> Text in quotes.
   pure function quoted(t) result(q)

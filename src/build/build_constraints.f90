@@ -13,7 +13,7 @@ module build_constraints
   use pin_joint, only: pin_model
   use angle_joints, only: gear_model, rotation_model
   use scene_model, only: scene
-  use text, only: short_text
+  use text, only: either, short_text
   implicit none (type, external)
   private
   public :: make_constraints, place_friction
@@ -123,9 +123,9 @@ contains
       if (len(h%remedy) > 0) remedy = ': '//h%remedy
       do k = 1, min(size(breakpoints), jumps_shown)
         call r%at%blame(faults, 'history "'//trim(h%name)//'" has a jump'// &
-                        trim(merge(' of slope', '         ', breakpoints(k)%order == 1))//' at t = '// &
+                        either(' of slope', '', breakpoints(k)%order == 1)//' at t = '// &
                         short_text(breakpoints(k)%time, 5)//' s, which no mechanism can follow; expected a '// &
-                        'history with continuous '//trim(merge('values         ', 'value and slope', r%rate))//remedy)
+                        'history with continuous '//either('values', 'value and slope', r%rate)//remedy)
       end do
     end subroutine check_smooth
   end subroutine make_constraints

@@ -14,7 +14,7 @@ module build_loads
   use springs, only: spring_model, linear_model, torsional_model
   use stop_kinds, only: clearance_stop, position_stop, rotation_stop
   use stops, only: stop_model, rebound_factor
-  use text, only: quoted
+  use text, only: either, quoted
   implicit none (type, external)
   private
   public :: make_forces, place_stop_rows
@@ -132,7 +132,7 @@ contains
       call require_continuous(r%at, 'characteristic', sp%history, faults)
       if (.not. (r%has_free .or. sp%history%vanishes())) call r%at%blame(faults, 'characteristic='// &
         quoted(trim(sp%history%name))//' is nowhere zero, so that the spring has no unloaded state, expected one that passes '// &
-        'through zero, or '//trim(merge('free_angle ', 'free_length', sp%angular))//', from which its argument counts')
+        'through zero, or '//either('free_angle', 'free_length', sp%angular)//', from which its argument counts')
     end if
     call move_alloc(sp, item)
   end subroutine make_spring

@@ -11,7 +11,7 @@ module position_closing
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker_motion, only: marker_kinematics
-  use text, only: es_text, exact_text, to_text
+  use text, only: either, es_text, exact_text, to_text
   implicit none (type, external)
   private
   public :: close_positions, warn_of_drives, warn_of_motion, closed_gap
@@ -148,7 +148,7 @@ contains
         if (c%pending) cycle
         start = c%start_value()
         if (abs(start - stated(k)) <= far*merge(1.0_wp, self%s%size, c%angular)) cycle
-        unit = trim(merge('rad', 'm  ', c%angular))
+        unit = either('rad', 'm', c%angular)
         call add_warning(report, 'drive "'//trim(c%name)//'" starts at '//exact_text(start)//' '//unit// &
                          ', the deck has its bodies at '//exact_text(stated(k))//' '//unit//': they were moved; expected the '// &
                          'same value in both, or relative=.true., which adds the history to the assembled value')

@@ -8,7 +8,7 @@ module results
   use mechanism, only: mechanism_model
   use sensors, only: sensor_list
   use switching, only: event_list, element_name, state_word
-  use text, only: joined
+  use text, only: either, joined
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -74,8 +74,8 @@ contains
     call begin(history, 'sensors against time', joined([character(80) :: 't[s]', list%names(:list%columns)], ' '))
     call begin(energies, 'energies, their residual and constraint violations against time', 't[s] kinetic[J] potential[J] '// &
                'dissipated[J] work[J] residual[J] position_violation[m] velocity_violation[m/s]'// &
-               trim(merge(' stops[J]', '         ', m%s%stops > 0))// &
-               trim(merge(' friction[J]', '            ', m%s%elements > size(m%s%switching))))
+               either(' stops[J]', '', m%s%stops > 0)// &
+               either(' friction[J]', '', m%s%elements > size(m%s%switching)))
     if (with_motion) call begin(motion, 'body frames and node positions against time', &
                                 joined([character(64) :: 't[s]', motion_names(m)], ' '))
     if (any(self%used == events)) call begin(events, 'events; speed: at touching, 0 where none touches, rad/s where a stop '// &

@@ -9,7 +9,7 @@ module summary
   use posix, only: tell
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
-  use text, only: joined, short_text, to_text
+  use text, only: either, joined, short_text, to_text
   implicit none (type, external)
   private
   public :: model_lines, model_warnings, version, add_warnings, tell_warnings
@@ -184,7 +184,7 @@ contains
       text = to_text(b%nz)//' dissipative coordinates (one a mode, viscoelastic material and '//trim(kind)//' term)'
     else if (b%nz > 0) then
       text = to_text(b%nz)//' dissipative coordinates ('//to_text(elements)//' viscoelastic elements, '//to_text(b%nd)// &
-             ' deformations each, '//to_text(ghm + maxwell)//' '//trim(kind)//trim(merge(' term) ', ' terms)', ghm + maxwell == 1))
+             ' deformations each, '//to_text(ghm + maxwell)//' '//trim(kind)//either(' term)', ' terms)', ghm + maxwell == 1)
     else if (d%bodies(k)%viscoelastic) then
       text = 'no dissipative coordinates (no viscoelastic terms in its materials)'
     else
@@ -239,7 +239,7 @@ contains
     do k = 1, m%s%permanent
       associate (c => m%s%constraints(k)%item)
         acts = c%acts_on()
-        what = trim(merge('joint', 'drive', k <= m%s%joints))//' "'//trim(c%name)//'"'
+        what = either('joint', 'drive', k <= m%s%joints)//' "'//trim(c%name)//'"'
         if (acts(3)) call note(c%ia, what)
         if (acts(6)) call note(c%ib, what)
         if (c%ic > 0) call note(c%ic, what)

@@ -4,7 +4,7 @@ module bound_causes
   use linear_matrices, only: linear_segment
   use mechanism, only: mechanism_model
   use spectrum, only: fast_mode
-  use text, only: to_text
+  use text, only: either, to_text
   implicit none (type, external)
   private
   public :: mode_cause, pole_cause, name_damping
@@ -50,7 +50,7 @@ contains
       if (best > takes_part*f%stiffness) cause%what = 'a mode of springs with body "'//trim(m%s%bodies(cause%body)%name)//'"'
       cause%body = 0
     else
-      cause%what = trim(merge('an axial mode ', 'a bending mode', axial))
+      cause%what = either('an axial mode', 'a bending mode', axial)
       cause%what = cause%what//' of body "'//trim(m%s%bodies(cause%body)%name)//'"'
     end if
   end subroutine mode_cause
@@ -62,7 +62,7 @@ contains
     type(bound_cause), intent(inout) :: cause
     associate (by_material => spring_part < 0.5_wp*f%damping)
       cause%rayleigh = cause%body > 0 .and. by_material
-      cause%what = trim(merge('Rayleigh damping of', 'dampers on         ', by_material))//' '//cause%what
+      cause%what = either('Rayleigh damping of', 'dampers on', by_material)//' '//cause%what
     end associate
   end subroutine name_damping
 

@@ -8,7 +8,7 @@ module validity
   use elastic_operators, only: factor_entries, mass_product
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use text, only: es_text, fixed_text
+  use text, only: either, es_text, fixed_text
   implicit none (type, external)
   private
   public :: validity_watch, bend_to_limit, thick_beams
@@ -171,8 +171,8 @@ contains
     if (.not. shear > slender) return
     reduced = body%basis%reduced_from > 0
     text = sentence(body, stage, 'is so short and thick that shear and rotary inertia, which beams here lack, would lower its '// &
-                    trim(merge('highest kept', 'lowest      ', reduced .and. body%nf > 1))//' frequency by', 100*shear, &
-                    '%'//trim(merge('                         ', ', and higher ones by more', reduced)))
+                    either('highest kept', 'lowest', reduced .and. body%nf > 1)//' frequency by', 100*shear, &
+                    '%'//either('', ', and higher ones by more', reduced))
   end function thickness
 
   !> A warning with a figure.

@@ -7,7 +7,7 @@ module accuracy_ladder
   use deck_records, only: deck, transient_record
   use step_counts, only: actual_step
   use summary_text, only: summary_record
-  use text, only: es_text, to_text
+  use text, only: either, es_text, to_text
   implicit none (type, external)
   private
   public :: has_fixed_steps, setting_words, smallest_accuracy
@@ -197,7 +197,7 @@ contains
     else if (pass%outcome == given_up) then
       call take_method(self, 'dopri5', 'the stable step of dopri5 asks for less than radau')
     else if (pass%outcome == lost_pass) then
-      other = trim(merge('radau ', 'dopri5', pass%method == 'dopri5'))
+      other = either('radau', 'dopri5', pass%method == 'dopri5')
       if (count(self%passes(:self%count)%outcome == lost_pass) > 1) then
         call finish(self, 'passes are lost')
       else if (self%asked%free_method) then

@@ -15,7 +15,7 @@ module accuracy_run
   use step_monitor, only: stability_monitor, method_number
   use stored_pass, only: compared_names
   use summary_text, only: json_number, summary_record
-  use text, only: short_text, to_text
+  use text, only: either, short_text, to_text
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
   implicit none (type, external)
@@ -167,7 +167,7 @@ contains
       end if
       if (len_trim(ladder%choice) > 0) call text%line('  choice: '//trim(ladder%choice))
       call text%figure('  cost of all passes: ', 'cost', nint(sum(ladder%passes(1:ladder%count)%cost), ip), rest='')
-      if (ladder%over) call text%member('kept', trim(merge('true ', 'false', ladder%kept)))
+      if (ladder%over) call text%member('kept', either('true', 'false', ladder%kept))
       if (ladder%over .and. ladder%delivered > 0) then
         call text%open('not_kept', '[')
         do k = 1, size(names)
@@ -191,7 +191,7 @@ contains
     call text%open('', '{')
     call text%figure('  pass '//to_text(k)//': ', 'method', trim(pass%method))
     call text%words%add(setting_words(pass))
-    call text%member(trim(merge('step     ', 'tolerance', has_fixed_steps(pass%method))), json_number(pass%setting))
+    call text%member(either('step', 'tolerance', has_fixed_steps(pass%method)), json_number(pass%setting))
     if (pass%outcome == under_way) then
       call text%words%add(', under way')
     else

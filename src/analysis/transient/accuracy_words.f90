@@ -11,7 +11,7 @@ module accuracy_words
   use stored_pass, only: compared_names
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text
-  use text, only: es_text, short_text, to_text
+  use text, only: either, es_text, short_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
   private
@@ -73,8 +73,8 @@ contains
                          setting_words(other)//'):')
         end associate
       else
-        call text%line('  estimated errors, from a second run with '//trim(merge('a tenth of the tolerance', &
-          'half the step           ', run%d%transient%adaptive))//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
+        call text%line('  estimated errors, from a second run with '//either('a tenth of the tolerance', &
+          'half the step', run%d%transient%adaptive)//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
       end if
       if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
       too_large = e > asked
@@ -117,7 +117,7 @@ contains
     do k = 1, size(error)
       share = '  (constant but for rounding)'
       if (range(k) > 0.0_wp) share = ' '//es_text(error(k)/range(k), 1)
-      if (present(too_large)) share = share//trim(merge(', more than is asked', '                    ', too_large(k)))
+      if (present(too_large)) share = share//either(', more than is asked', '', too_large(k))
       call text%figure('    '//trim(columns(k))//' ', trim(columns(k)), error(k), 2, rest=share)
     end do
     call text%close()

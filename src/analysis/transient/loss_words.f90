@@ -5,7 +5,7 @@ module loss_words
   use scene_model, only: scene
   use scene_run, only: run_state
   use summary_text, only: summary_record
-  use text, only: to_text
+  use text, only: either, to_text
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -41,7 +41,7 @@ contains
         call text%open('', '{')
         call text%member('name', json_text(trim(row%name)))
         call text%figure('  friction of joint "'//trim(row%name)//'": slid ', 'slid', slid, 4)
-        call text%figure(trim(merge(' rad', ' m  ', row%angular))//', lost ', 'lost', lost, 4)
+        call text%figure(either(' rad', ' m', row%angular)//', lost ', 'lost', lost, 4)
         call text%figure(' J; times that it came to rest ', 'sticks', x%sticks)
         call text%figure(', broke away ', 'slips', x%slips)
         call text%figure(', turned without rest ', 'turns', x%turns)

@@ -13,6 +13,7 @@ module model_pilot
   use step_counts, only: step_count
   use stored_pass, only: compared_names, pass_rows
   use summary_text, only: summary_record
+  use text, only: either
   use transient, only: run_transient, transient_march
   implicit none (type, external)
   private
@@ -114,9 +115,8 @@ contains
     self%cost = self%cost + march%cost(run)
     self%work = self%work + march%cost(run)*run%sys%m%s%ny
     self%over = march%stopped .or. fail%status > status_signal
-    if (march%stopped) call fail%raise(status_failed, trim(merge( &
-      'pilots have cost 1e9 explicit evaluations times unknowns', 'most_seconds ended the pilots                           ', &
-      march%cost(run) > march%budget)))
+    if (march%stopped) call fail%raise(status_failed, either( &
+      'pilots have cost 1e9 explicit evaluations times unknowns', 'most_seconds ended the pilots', march%cost(run) > march%budget))
     if (fail%happened()) return
     call march%rows%turn()
     found%rows = march%rows

@@ -10,7 +10,7 @@ module stop_words
   use step_counts, only: actual_step
   use stop_advice, only: cannot_follow
   use summary_text, only: summary_record
-  use text, only: es_text, to_text
+  use text, only: either, es_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
   private
@@ -84,7 +84,7 @@ contains
     character(:), allocatable :: unit
     real(wp) :: lost                           ! [J]
     associate (m => run%sys%m, x => run%sys%tally(i), f => run%sys%m%s%forces(run%sys%m%s%switching(i))%item)
-      unit = trim(merge('Nm', 'N ', f%angular))
+      unit = either('Nm', 'N', f%angular)
       lost = run%y(2*m%s%nq + m%s%nz + m%s%nzd + 2 + i)
       call text%open('', '{')
       call text%member('name', json_text(trim(f%name)))
@@ -107,7 +107,7 @@ contains
         call text%figure(' '//unit//'s; lost ', 'lost', lost, 4)
       else
         call text%figure(' '//unit//', penetration ', 'largest_penetration', x%depth, 4)
-        call text%figure(trim(merge(' rad', ' m  ', f%angular))//'; lost ', 'lost', lost, 4)
+        call text%figure(either(' rad', ' m', f%angular)//'; lost ', 'lost', lost, 4)
       end if
       call text%words%add(' J')
       if (x%fewest < huge(1)) then
@@ -141,7 +141,7 @@ contains
       if (mass_at(m, work, m%s%switching(i)) < huge(1.0_wp)) return
       if (len(drives_against(m, work)) == 0) return
       call warn(run, 'stop "'//trim(f%name)//'" is pressed by drive'//drives_against(m, work)//', which moves on against '// &
-                'any force: up to '//to_text(x%force)//trim(merge(' Nm', ' N ', f%angular)), text)
+                'any force: up to '//to_text(x%force)//either(' Nm', ' N', f%angular), text)
     end associate
   end subroutine judge
 end module stop_words

@@ -3,7 +3,7 @@
 module deck_reader
   use kinds, only: wp
   use growing_text, only: text_buffer
-  use text, only: nearest_word, joined, quoted, exact_text
+  use text, only: either, exact_text, joined, nearest_word, quoted
   use errors, only: fault_list
   use deck_keys, only: group_kinds, group_names, is_single, is_named, in_parameter, in_scene, in_material, in_section, &
     in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_controller, in_static, &
@@ -270,7 +270,7 @@ contains
           if (d%sensors(k)%quantity == 'internal') cycle
           if (b%auto_modes .or. (b%modes > 0 .and. d%transient%check_reduction)) call d%sensors(k)%at%blame(source%faults, &
             'quantity=''coordinate'' of a mode has nothing to be compared with in nodal coordinates, expected it without '// &
-            trim(merge('modes=''auto''   ', 'check_reduction', b%auto_modes)))
+            either('modes=''auto''', 'check_reduction', b%auto_modes))
         end associate
       end do
     end subroutine check_reduction

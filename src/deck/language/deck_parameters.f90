@@ -4,7 +4,7 @@
 module deck_parameters
   use kinds, only: wp
   use readable_text, only: printable
-  use text, only: lower, quoted
+  use text, only: either, lower, quoted
   use deck_input, only: deck_source
   use deck_keys, only: in_parameter
   use deck_names, only: not_there
@@ -123,7 +123,7 @@ contains
         call deck%names(in_parameter)%nearest(deck%parts%sources(file)%prefix//name, best)
         if (len(best) > 0) best = 'did you mean '//best(len(deck%parts%sources(file)%prefix) + 1:)//'?'
         if (len(best) == 0) best = 'expected the name of a &parameter there'
-        call complain(group, line, shown, 'names no parameter of the '//trim(merge('deck', 'part', group == 0))//', '//best)
+        call complain(group, line, shown, 'names no parameter of the '//either('deck', 'part', group == 0)//', '//best)
       else if (k > 0) then
         if (p(k)%source == group) then
           call complain(group, line, shown, 'sets '//trim(adjustl(text(:equals - 1)))//' twice, expected one value')

@@ -4,7 +4,7 @@
 module expression
   use kinds, only: wp, pi
   use readable_text, only: printable
-  use text, only: digits, letters, lower, to_text, joined, nearest_word
+  use text, only: digits, either, joined, letters, lower, nearest_word, to_text
   use deck_numbers, only: read_real
   implicit none (type, external)
   private
@@ -342,7 +342,7 @@ contains
       case ('min', 'max')
         if (n < 2) call fail('gives '//name//' 1 argument, expected 2 or more')
       case ('atan2')
-        if (n /= 2) call fail('gives atan2 '//to_text(n)//' argument'//trim(merge('s', ' ', n > 1))//', expected 2')
+        if (n /= 2) call fail('gives atan2 '//to_text(n)//' argument'//either('s', '', n > 1)//', expected 2')
       case default
         if (n /= 1) call fail('gives '//name//' '//to_text(n)//' arguments, expected 1')
       end select

@@ -8,7 +8,7 @@ module implicit_march
   use ode_system, only: ode, is_bounded
   use second_order_system, only: second_order_ode
   use summary_text, only: summary_record
-  use text, only: to_text
+  use text, only: either, to_text
   use time_stepper, only: stepper, exchange_common, trouble_size, trouble_manifold, trouble_iteration, trouble_shape
   implicit none (type, external)
   private
@@ -221,7 +221,7 @@ contains
     type(summary_record), intent(inout) :: text
     call text%member('newton_failures', to_text(self%failures))
     if (self%failures > 0) call text%words%add('; failures of Newton''s method: '//to_text(self%failures)// &
-      ', where the step was '//trim(merge('tried smaller', 'halved       ', self%settings%adaptive)))
+      ', where the step was '//either('tried smaller', 'halved', self%settings%adaptive))
     call text%line('')
   end subroutine report_failures
 

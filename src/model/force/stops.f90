@@ -18,7 +18,7 @@ module stops
   use force_element, only: force_model, conditions, element_action, watched_roots, bilateral, by_position, root_rounding
   use marker, only: marker_states
   use small_matrices, only: outer
-  use text, only: to_text
+  use text, only: either, to_text
   implicit none (type, external)
   private
   public :: rebound_factor
@@ -336,7 +336,7 @@ contains
     call self%contact(p, conditions(), c)
     if (self%rigid .or. .not. c%depth > root_rounding*self%size) return
     text = 'begins beyond its limit: it '//self%measured_text(p)//', and it pushes with '// &
-           to_text(self%hardness*c%depth**self%exponent)//trim(merge(' N m', ' N  ', self%angular))
+           to_text(self%hardness*c%depth**self%exponent)//either(' N m', ' N', self%angular)
   end function starts_beyond
 
   !> A rigid one cannot begin there.
@@ -359,7 +359,7 @@ contains
     character(:), allocatable :: text
     real(wp) :: x, xd, g(6)
     call self%measure(p, x, xd, g)
-    text = 'measures '//to_text(x)//trim(merge(' rad', ' m  ', self%angular))//', allowed is'
+    text = 'measures '//to_text(x)//either(' rad', ' m', self%angular)//', allowed is'
     if (self%lower > -huge(1.0_wp)) text = text//' from '//to_text(self%lower)
     if (self%upper < huge(1.0_wp)) text = text//' up to '//to_text(self%upper)
   end function measured_text
@@ -502,7 +502,7 @@ contains
     character(:), allocatable :: word
     word = 'upper'
     if (state < 0) word = 'lower'
-    if (abs(state) == stop_let_go) word = word//trim(merge('_idle', '_free', self%rigid))
+    if (abs(state) == stop_let_go) word = word//either('_idle', '_free', self%rigid)
     if (abs(state) == stop_rebound) word = word//'_rebound'
     if (state == stop_open) word = 'open'
   end function stop_word
