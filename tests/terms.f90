@@ -74,10 +74,7 @@ contains
       r(1) = cos(q(3))*eq%frame(1) - sin(q(3))*eq%frame(2)
       r(2) = sin(q(3))*eq%frame(1) + cos(q(3))*eq%frame(2)
       r(3) = eq%frame(3)
-      if (n > 3) then
-        r(3) = r(3) + dot_product(run%sys%m%s%bodies(b)%shape%turned, eq%elastic(1:n - 3))
-        r(4:) = eq%elastic(1:n - 3)
-      end if
+      if (n > 3) r(4:) = eq%elastic(1:n - 3)
     end associate
   end function residual
 
@@ -127,11 +124,6 @@ contains
       least = 1.0e-6_wp*maxval(abs(d(1:3, 1:3)))   ! a block that is zero is compared with that of the frame
       call show(name, 'frame', maxval(abs(eq%block - d(1:3, 1:3))), maxval(abs(d(1:3, 1:3))))
       if (n == 3) return
-      if (body%shape%split) then
-        least = dot_product(body%shape%turned, eq%row(1:) + eq%column(1:) - u(1)*(body%shape%c0 - body%shape%rest_c0))
-        call show(name, 'angle', abs(eq%angle + least - eq%block(3, 3)), maxval(abs(d(1:3, 1:3))))
-        least = 1.0e-6_wp*maxval(abs(d(1:3, 1:3)))
-      end if
       call show(name, 'row', max(maxval(abs(eq%origin(1)*body%shape%sbar(:, 1) - eq%origin(2)*body%shape%sbar(:, 2) - d(1, 4:))), &
                                  maxval(abs(eq%origin(1)*body%shape%sbar(:, 2) + eq%origin(2)*body%shape%sbar(:, 1) - d(2, 4:)))), &
                 max(least, maxval(abs(d(1:2, 4:)))))

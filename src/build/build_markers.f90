@@ -84,7 +84,6 @@ contains
         else
           p%dof(1) = number
           if (node > 0) p%dof(1) = at%dof(number)
-          if (p%dof(1) > 0) p%turned(1) = b%shape%turned(p%dof(1))
         end if
       end if
     end associate

@@ -12,12 +12,10 @@ module marker
     integer :: node = 0                      !! node of a beam or frame, 0: a point or the frame itself
     real(wp) :: x(2) = 0.0_wp                !! undeformed position: body axes, global on the ground [m]
     integer :: dof(3) = 0                    !! its elastic coordinates (u, v, rotation), 0: none
-    real(wp) :: turned(3) = 0.0_wp           !! what these are in a turn of the body (`shape_integrals`) [m, m, -]
     real(wp), allocatable :: psi(:, :)       !! modal bodies: (3, nf) displacements in each mode [1/kg^.5, 1/(kg^.5 m)]
   contains
     procedure :: elastic
     procedure :: displacement
-    procedure :: rest_of_turn
     procedure :: add_wrench
     procedure :: add_elastic_forces
     procedure :: moves
@@ -83,15 +81,6 @@ contains
     real(wp) :: u(3)                         !! body axes: u, v, rotation
     u = [frame(1:2) + frame(3)*turn(rho), frame(3)] + self%elastic(x)
   end function displacement
-
-  !> Displacement of the marker by a unit turn of its body's frame, less what its node's coordinates carry of a turn of the
-  !> undeformed body (`shape_integrals`).
-  pure function rest_of_turn(self, rho) result(u)
-    class(marker_model), intent(in) :: self
-    real(wp), intent(in) :: rho(2)           !! present position, body axes [m]
-    real(wp) :: u(3)                         !! body axes [m, m, -]
-    u = [turn(rho), 1.0_wp] - self%turned
-  end function rest_of_turn
 
   !> The transpose of `displacement`: adds the generalised forces of a wrench on the marker.
   pure subroutine add_wrench(self, rho, w, frame, f)

@@ -226,8 +226,25 @@ contains
       if (m%s%bodies(k)%extra_references > 0) text = text//'warning: body "'//trim(m%s%bodies(k)%name)//'" has '// &
         to_text(m%s%bodies(k)%extra_references)//' reference conditions more than needed: stiffer than the structure'// &
         new_line('a')
+      text = text//weak_frame(m%s%bodies(k))
     end do
   end function model_warnings
+
+  !> Warns where the frame stands at a node of a mesh so fine that rounding reaches the inertia with which it turns (theory.md,
+  !> section 7); empty elsewhere.
+  function weak_frame(b) result(text)
+    type(body_model), intent(in) :: b
+    character(:), allocatable :: text
+    real(wp), parameter :: least = 1.0e-8_wp         ! share of the inertia that keeps half of the digits [-]
+    real(wp) :: y(b%nf), work(2, b%nf)               ! [m, -]
+    text = ''
+    if (.not. b%flexible) return
+    y = b%shape%c0
+    call b%basis%solve_mass(b%nf, work, y)
+    if (b%i11 - dot_product(b%shape%c0, y) > least*b%i11) return
+    text = 'warning: body "'//trim(b%name)//'" is clamped at a node of so fine a mesh that rounding may spoil accelerations '// &
+           'and reactions there; expected reference=''pinned'' or fewer elements'//new_line('a')
+  end function weak_frame
 
   !> Says where a gear, drive, torque or torsional spring acts on the frame of a flexible body.
   subroutine frame_notes(m, text)

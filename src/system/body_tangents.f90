@@ -98,7 +98,6 @@ contains
       f = a0*wrench(1:2, k)
       associate (t => eq(b), marker => m%s%markers(k))
         t%block(3, 3) = t%block(3, 3) - dot_product(ev%p%rho(:, k), f)
-        t%angle = t%angle - dot_product(ev%p%rho(:, k) - 2*turned(k), f)
         if (t%n == 0) cycle
         call marker%add_elastic_forces([f(2), -f(1), 0.0_wp], t%column(1:t%n))
         call marker%add_elastic_forces([f(2), -f(1), 0.0_wp], t%row(1:t%n))
@@ -111,16 +110,8 @@ contains
       associate (t => eq(b), marker => m%s%forces(k)%item%ia)
         t%block(1:2, 3) = t%block(1:2, 3) + [f(2), -f(1)]
         t%block(3, 3) = t%block(3, 3) - dot_product(ev%p%rho(:, marker), f)
-        t%angle = t%angle - dot_product(ev%p%rho(:, marker) - turned(marker), f)
         if (t%n > 0) call m%s%markers(marker)%add_elastic_forces([f(2), -f(1), 0.0_wp], t%column(1:t%n))
       end associate
     end do
-  contains
-    !> The arm of a marker by which a unit turn changes the coordinates [m].
-    pure function turned(k) result(x)
-      integer, intent(in) :: k
-      real(wp) :: x(2)
-      x = [m%s%markers(k)%turned(2), -m%s%markers(k)%turned(1)]
-    end function turned
   end subroutine turn_wrenches
 end module body_tangents

@@ -63,20 +63,17 @@ contains
     ev%wrench(3, k) = ev%wrench(3, k) + w(3)
   end subroutine add_wrench
 
-  !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M, less what acts on the nodes' part of a turn
-  !> (`shape_integrals`).
+  !> Wrenches on markers act on the frames: A^T F, (H rho).A^T F + M.
   pure subroutine load_frames(self, ev)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
-    real(wp) :: arm(3)                      ! motion by a unit turn [m, m, -]
     integer :: j, k, b
     do j = 1, size(self%s%loaded)
       k = self%s%loaded(j)
       if (max(abs(ev%wrench(1, k)), abs(ev%wrench(2, k)), abs(ev%wrench(3, k))) <= 0.0_wp) cycle   ! most stops are open
       b = self%markers%body(k)
       ev%frame%rhs(1:2, b) = ev%frame%rhs(1:2, b) + ev%wrench(1:2, k)
-      arm = self%s%markers(k)%rest_of_turn(ev%p%rho(:, k))
-      ev%frame%rhs(3, b) = ev%frame%rhs(3, b) + dot_product(arm, ev%wrench(:, k))
+      ev%frame%rhs(3, b) = ev%frame%rhs(3, b) + ev%wrench(3, k) + ev%p%rho(1, k)*ev%wrench(2, k) - ev%p%rho(2, k)*ev%wrench(1, k)
     end do
   end subroutine load_frames
 

@@ -36,19 +36,8 @@ STOPS = """&stop name='s1' type='position' body_a='r' point_a=0.1,0.1 body_b='b'
 &stop name='s4' type='rotation' body_a='r' body_b='f' node_b=3 lower=-2.0 upper=0.3 stiffness=40.0 exponent=3.0 /
 &stop name='open' type='position' body_a='r' body_b='f' node_b=3 direction=0.3 lower=-9.0 upper=9.0 stiffness=1.0e6 /
 """
-# clamped at a short element, whose inertia is 1e-8 of the body's: there the turn of the body is split off
-SHORT = """&body name='f' kind='frame' node_x=0.0,0.008,0.3,0.35 node_y=0.0,0.0,0.0,0.25 element_nodes=1,2,2,3,3,4
-  material='m' section='s' reference='clamped' {} position=-0.2,0.1 angle=-0.4 /
-&lump body='f' node=3 mass=0.3 inertia=2.0e-3 /
-&joint name='j1' type='revolute' body_a='r' point_a=0.1,0.1 body_b='f' node_b=4 /
-&joint name='j2' type='slider' body_a='f' node_a=1 direction=0.3 /
-&force name='f1' type='force' body='f' node=3 fx=5.0 fy=7.0 axes='body' /
-&force name='f2' type='torque' body='f' node=4 moment=2.0 /
-"""
 SENSOR = "&scene title='t' gravity=1.0,-9.81 /\n"
 DECKS = {
-    "short_element": MATERIALS + RIGID + SHORT.format(""),
-    "short_stiffening": MATERIALS + RIGID + SHORT.format("stiffening=.true."),
     "free_beam": MATERIALS + BEAM.format(""),
     "beam_loads": MATERIALS + BEAM.format("") + FRAME + SPRINGS + LOADS,
     "stiffening": MATERIALS + BEAM.format("stiffening=.true. reference='clamped'"),

@@ -66,7 +66,6 @@ contains
     self%rows = self%m%s%rows
     self%quadratures = self%m%s%quadratures
     self%blocks = count(self%m%s%bodies%flexible)
-    self%sensitive = any(self%m%s%bodies%shape%split)
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%stages)) deallocate (self%stages)
     allocate (self%t)

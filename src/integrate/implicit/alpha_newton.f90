@@ -281,7 +281,7 @@ contains
       if (system%least_pivot < weak_pivot .or. .not. (n%h > 0.0_wp .and. n%first > 0.0_wp)) return
       rate = n%contraction*max(1.0_wp, norm/n%first)
       yes = rate*scene_norm <= last_digits*system%rounding_scale
-      if (yes .or. system%sensitive .or. rate > 0.1_wp*error_share) return
+      if (yes .or. rate > 0.1_wp*error_share) return
       ratio = self%now%h/n%h
       change = 0.0_wp
       scene_change = 0.0_wp

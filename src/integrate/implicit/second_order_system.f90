@@ -22,7 +22,6 @@ module second_order_system
     integer :: linear = 0                     !! linear states, the last of the internal variables
     integer :: rows = 0                       !! constraint rows
     integer :: quadratures = 2                !! integrals of powers at the end of the state: dissipated, put in, and others
-    logical :: sensitive = .false.            !! small errors of positions make large errors of forces: Newton iterates to rounding
     integer :: blocks = 0                     !! blocks that `prepare` factors, and `renew` where it is exact
     real(wp), allocatable :: viscosity(:)     !! (nz) of the internal variables' equations [s]
     real(wp), allocatable :: inertia(:)       !! (nz) 0: of first order [s2]

@@ -8,6 +8,9 @@ module beam_element
   public :: beam_geometry, element_rotation, shape_integral, shape_moment, element_mass, element_gyroscopic
   public :: element_stiffness, deformation_matrix, present_deformation_matrix, deformation_law, stiffening_tangent
 
+  !> End moments by end rotations from the chord, over E I/l [-].
+  real(wp), parameter, public :: bending(2, 2) = reshape([4.0_wp, 2.0_wp, 2.0_wp, 4.0_wp], [2, 2])
+
   !> A straight element between two nodes of a body, with what every formula about it needs.
   type :: beam_geometry
     real(wp) :: length = 0.0_wp   !! [m]
@@ -141,8 +144,7 @@ contains
     real(wp) :: d(3, 3)
     d = 0.0_wp
     d(1, 1) = g%ea_l
-    d(2, 2:3) = [4.0_wp, 2.0_wp]*g%ei_l
-    d(3, 2:3) = [2.0_wp, 4.0_wp]*g%ei_l
+    d(2:3, 2:3) = bending*g%ei_l
   end function deformation_law
 
   !> B^T D B with D at E_R.

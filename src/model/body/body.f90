@@ -3,13 +3,12 @@
 module body
   use kinds, only: wp
   use beam_element, only: beam_geometry
-  use elastic_operators, only: elastic_operator, inertia_forces
+  use elastic_operators, only: elastic_operator
   use marker, only: marker_model
   use segment_model, only: viscoelastic_segment
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: operator_forces
 
   !> A point mass and rotary inertia at a node or at a point of a rigid body.
   type, public :: lump
@@ -26,19 +25,6 @@ module body
     real(wp), allocatable :: c0(:)            !! (nf) [kg m]
     real(wp), allocatable :: pmat(:, :)       !! (nf, 2) m_ff^-1 S-bar^T [-]
     real(wp) :: sps(2, 2) = 0.0_wp            !! S-bar m_ff^-1 S-bar^T [kg]
-    ! A unit turn of the undeformed body is N turned + rest. Where the frame stands at one node of a fine mesh, the rest is a motion
-    ! of one element, and its inertia all that is left of the body's: then it is split off. Else turned is 0, the rest the turn.
-    logical :: split = .false.
-    real(wp), allocatable :: turned(:)        !! (nf) coordinates of that turn [m, -]
-    real(wp), allocatable :: m_turned(:)      !! (nf) the translational part of m_ff times these [kg m]
-    real(wp), allocatable :: c_turned(:)      !! (nf) Rayleigh damping times these [N s, N m s]
-    real(wp), allocatable :: rest_c0(:)       !! (nf) integral of rest^T N: c0 - m_ff turned [kg m]
-    real(wp), allocatable :: rest_i1f(:)      !! (nf) integral of rest^T H N [kg m]
-    real(wp) :: rest_i1(2) = 0.0_wp           !! integral of the rest: H I1 - S-bar turned [kg m]
-    real(wp) :: rest_i11 = 0.0_wp             !! integral of its square [kg m2]
-    real(wp) :: rest_spin = 0.0_wp            !! rest_i1f turned [kg m2]
-    integer, allocatable :: rest_element(:)   !! elements that have a part of the rest
-    real(wp), allocatable :: rest(:, :)       !! (6, these) it at their nodes, body axes [m, -]
   contains
     procedure :: moment
   end type shape_integrals
@@ -58,8 +44,6 @@ module body
   contains
     procedure(to_deformations), deferred :: deform
     procedure(to_forces), deferred :: add_stress
-    procedure :: add_forces => operator_forces
-    procedure :: turned_moment => no_moment
     procedure :: solve_mass => unit_mass
     procedure(to_parts), deferred :: strain_parts
     procedure(to_largest), deferred :: largest_force
@@ -239,23 +223,4 @@ contains
     same = .false.
   end function shares_nothing
 
-  !> turned . (elastic forces that deformations ask for), see `shape_integrals`: none in modes, whose coordinates do not turn.
-  pure real(wp) function no_moment(self, b, d, ds, q) result(moment)   ! [N m]
-    class(elastic_basis), intent(in) :: self
-    type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! deformations, and with the terms' differences [m, rad]
-    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
-    moment = 0.0_wp
-  end function no_moment
-
-  !> Adds theta'^2 m q + 2 theta' Z q' - dV/dq to the forces and -Z q to m_theta_f (theory.md, section 3), by the operators.
-  pure subroutine operator_forces(self, b, thetad, w, qmq, qmv)
-    class(elastic_basis), intent(in) :: self
-    type(body_model), intent(in) :: b
-    real(wp), intent(in) :: thetad          !! frame rate [rad/s]
-    type(elastic_work), intent(inout) :: w
-    real(wp), intent(out) :: qmq, qmv       !! q^T m q [kg m2] and q^T m q' [kg m2/s], translational part of m_ff
-    call inertia_forces(b%op, b%nf, thetad, w%q(1), w%v(1), w%force(1), w%coupling(1), qmq, qmv)
-    call self%add_stress(b, w%d, w%ds, w%q, -1.0_wp, w%force)
-  end subroutine operator_forces
 end module body

@@ -14,7 +14,7 @@ contains
     type(body_model), intent(in) :: b
     real(wp), intent(in) :: c, s              !! of the frame angle [-]
     real(wp), intent(in) :: v(3)              !! frame rates: global x, y [m/s] and angle [rad/s]
-    real(wp), intent(in) :: qf(:), vf(:)      !! (nf) elastic coordinates and rates [m, rad] and per second
+    real(wp), intent(in), contiguous :: qf(:), vf(:)   !! (nf) elastic coordinates and rates [m, rad] and per second
     real(wp) :: p(2), w(2), mtt, cross
     w(1) = c*v(1) + s*v(2)                    ! velocity of the origin in body axes
     w(2) = c*v(2) - s*v(1)

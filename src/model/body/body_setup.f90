@@ -2,11 +2,10 @@
 !> factor of the mass matrix, internal variables. All set-up work; nothing here runs in a step.
 module body_setup
   use kinds, only: wp, pi
-  use beam_element, only: element_gyroscopic, element_mass, element_stiffness, shape_integral, shape_moment
+  use beam_element, only: shape_integral, shape_moment
   use body, only: body_model, lump
   use segment_model, only: viscoelastic_segment
-  use chain_kernel, only: element_factors
-  use elastic_operators, only: add_product, factor_entries
+  use elastic_operators, only: factor_entries
   use marker, only: turn
   use nodal_basis, only: nodal_model
   implicit none (type, external)
@@ -119,18 +118,10 @@ contains
     allocate (b%basis, source=nodal)
   end subroutine make_nodal
 
-  !> Constants of the elements' deformations and forces.
+  !> What nodal coordinates are but for m_ff.
   pure type(nodal_model) function element_basis(b) result(nodal)
     type(body_model), intent(in) :: b
-    integer :: k
     nodal%straight = all(abs(b%elements%s) <= 0.0_wp .and. b%elements%c >= 0.0_wp)
-    nodal%chain = nodal%straight .and. .not. b%stiffening .and. all(b%en(1, 2:) == b%en(2, :b%ne - 1))
-    allocate (nodal%constants(10, b%ne))
-    do k = 1, b%ne
-      associate (g => b%elements(k))
-        nodal%constants(:, k) = element_factors(g%length, g%mass, g%ea_l, g%ei_l)
-      end associate
-    end do
   end function element_basis
 
   !> Solutions m_ff^-1 of the shape integrals, and the number of internal variables.
@@ -142,13 +133,7 @@ contains
       shape%pmat = shape%sbar
       call b%basis%solve_mass(b%nf, work, shape%pmat(:, 1), shape%pmat(:, 2))
       shape%sps = matmul(transpose(shape%sbar), shape%pmat)
-      allocate (shape%turned(b%nf), shape%m_turned(b%nf), shape%c_turned(b%nf), source=0.0_wp)
-      shape%rest_c0 = shape%c0
-      shape%rest_i1f = shape%i1f
-      shape%rest_i1 = turn(b%i1)
-      shape%rest_i11 = b%i11
     end associate
-    if (b%basis%reduced_from == 0) call split_turn(b)
     b%nz = 0
     do k = 1, size(b%segments)
       associate (segment => b%segments(k))
@@ -157,81 +142,6 @@ contains
       end associate
     end do
   end subroutine finish_elastic
-
-  !> Splits a unit turn of the undeformed body into what the nodal coordinates carry and the rest, which only elements with removed
-  !> coordinates have (theory.md, section 7). Sums over these keep the digits that differences of the whole body's inertia lose.
-  pure subroutine split_turn(b)
-    type(body_model), intent(inout) :: b
-    real(wp), parameter :: lost = 1.0e-7_wp   ! share of the inertia below which the rest is split off [-]
-    real(wp) :: turned(3, b%nn)            ! of all nodes [m, m, -]
-    real(wp) :: whole(6), rest(6), m_rest(6), z_rest(6)   ! of an element [m, -], [kg m, kg m2]
-    real(wp) :: force(6)                   ! [N s, N m s]
-    real(wp) :: rests(6, b%ne)             ! rest of each element [m, -]
-    logical :: has(b%ne)                   ! whether it is not zero
-    real(wp) :: c0(0:b%nf), i1f(0:b%nf)    ! [kg m, kg m2]
-    real(wp) :: c(0:b%nf)                  ! [N s, N m s]
-    real(wp) :: rest_i1(2), rest_i11       ! [kg m], [kg m2]
-    integer :: e, k, i
-    do k = 1, b%nn
-      turned(:, k) = [turn(b%x(:, k)), 1.0_wp]
-    end do
-    c0 = 0.0_wp
-    i1f = 0.0_wp
-    c = 0.0_wp
-    associate (shape => b%shape)
-      allocate (shape%rest_element(0), shape%rest(6, 0))
-      rest_i1 = 0.0_wp
-      rest_i11 = 0.0_wp
-      do e = 1, b%ne
-        whole = [turned(:, b%en(1, e)), turned(:, b%en(2, e))]
-        rest = merge(0.0_wp, whole, b%edof(:, e) > 0)
-        if (b%rayleigh) then               ! an element does not resist its own turn
-          associate (g => b%elements(e))
-            force = g%ray_m*matmul(element_mass(g), whole - rest) - g%ray_k*matmul(element_stiffness(g), rest)
-          end associate
-          do k = 1, 6
-            c(b%edof(k, e)) = c(b%edof(k, e)) + force(k)
-          end do
-        end if
-        rests(:, e) = rest
-        has(e) = any(abs(rest) > 0.0_wp)
-        if (.not. has(e)) cycle
-        m_rest = matmul(element_mass(b%elements(e)), rest)
-        z_rest = matmul(element_gyroscopic(b%elements(e)), rest)
-        do k = 1, 6
-          c0(b%edof(k, e)) = c0(b%edof(k, e)) + m_rest(k)
-          i1f(b%edof(k, e)) = i1f(b%edof(k, e)) + z_rest(k)
-        end do
-        rest_i1 = rest_i1 + matmul(shape_integral(b%elements(e)), rest)
-        rest_i11 = rest_i11 + dot_product(rest, m_rest)
-      end do
-      do k = 1, size(b%lumps)
-        associate (l => b%lumps(k), dof => b%dof(:, b%lumps(k)%node))
-          rest(1:3) = merge(0.0_wp, turned(:, l%node), dof > 0)
-          i1f(dof(1)) = i1f(dof(1)) + l%mass*rest(2)
-          i1f(dof(2)) = i1f(dof(2)) - l%mass*rest(1)
-          rest_i1 = rest_i1 + l%mass*rest(1:2)
-          rest_i11 = rest_i11 + l%mass*dot_product(rest(1:2), rest(1:2)) + l%inertia*rest(3)**2
-        end associate
-      end do
-      if (rest_i11 > lost*b%i11) return
-      shape%split = .true.
-      shape%rest_i1 = rest_i1
-      shape%rest_i11 = rest_i11
-      do k = 1, b%nn
-        do i = 1, 3
-          if (b%dof(i, k) > 0) shape%turned(b%dof(i, k)) = turned(i, k)
-        end do
-      end do
-      shape%rest_element = pack([(e, e=1, b%ne)], has)
-      shape%rest = rests(:, shape%rest_element)
-      shape%rest_c0 = c0(1:)
-      shape%rest_i1f = i1f(1:)
-      shape%c_turned = c(1:)
-      shape%rest_spin = dot_product(shape%rest_i1f, shape%turned)
-      call add_product(b%op%symmetric, b%op%m, shape%turned, shape%m_turned)
-    end associate
-  end subroutine split_turn
 
   !> Splits the elements into segments of one viscoelastic material.
   pure subroutine find_segments(b, viscoelastic)

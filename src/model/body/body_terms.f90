@@ -6,9 +6,6 @@
 !>   F_theta = (H p).b + (I11 + 2 I1f q + q^T m q) theta'' + 2 theta' (I1f q' + q^T m q') + (c0 + q^T Z) q''
 !>   F_f = S^T b + c0 theta'' - theta'2 I1f^T + m (q'' - theta'2 q) - Z (2 theta' q' + theta'' q) + J q'' + C q' + elastic
 !>
-!> The residual's third component is F_theta - turned^T F_f, formed without the large forces that cancel there: the nodes of a mesh
-!> clamped at one of them hardly move where the frame turns, and what they do not move is known (`shape_integrals`).
-!>
 !> The elastic coordinates' own block is left to who factors it: its inertia has the factors a2, -(2 theta' a1 + theta'' a0) and
 !> -theta'2 a0 of m_ff, Z and m.
 module body_terms
@@ -26,10 +23,9 @@ module body_terms
     real(wp), allocatable :: factor(:)       !! (segments) 1 + sum of alpha (1 - g) over a segment's terms [-]
     real(wp), allocatable :: history_strain(:, :) !! sum of alpha z0 over the terms: what they keep at zero deformation [m, rad]
     type(elastic_work) :: w                  !! coordinates and deformations of the last residual
-    real(wp) :: frame(3) = 0.0_wp            !! residual of the frame: F_R, F_theta - turned^T F_f [N, N, N m]
+    real(wp) :: frame(3) = 0.0_wp            !! residual of the frame [N, N, N m]
     real(wp), allocatable :: elastic(:)      !! (0:n) residual of the elastic coordinates [N, N m]
     real(wp) :: block(3, 3) = 0.0_wp         !! tangent of the frame [N/m, N, N m]
-    real(wp) :: angle = 0.0_wp               !! block(3, 3) - (row + column) turned + a2 turned^T m_ff turned [N m]
     real(wp) :: origin(2) = 0.0_wp           !! rows of the origin: origin(1) S + origin(2) H S; its columns: a2 S^T [kg/s2]
     real(wp), allocatable :: column(:)       !! (0:n) tangent of the elastic residual by the angle [N, N m]
     real(wp), allocatable :: row(:)          !! (0:n) tangent of the angle's residual by the elastic coordinates [N, N m]
@@ -73,15 +69,10 @@ contains
         sq = 0.0_wp
         t%elastic = 0.0_wp
         if (body%rayleigh) call add_product(body%op%symmetric, body%op%c, v(4:), t%elastic(1:))
-        turning = shape%rest_i11*wd
-        if (shape%split) turning = turning + w**2*(shape%rest_spin + dot_product(shape%m_turned, q(4:))) &
-                                   - dot_product(shape%turned, t%elastic(1:))
         call add_elastic(t, body, q(4:))
-        turning = turning - body%basis%turned_moment(body, t%w%d, t%w%ds, t%w%q)
         do k = 1, t%n
           t%y(1, k) = 2*w*v(3 + k) + wd*q(3 + k)
           t%y(2, k) = a(3 + k)
-          if (shape%split) t%y(2, k) = a(3 + k) + shape%turned(k)*wd   ! the nodes' own accelerations
           t%x(1, k) = t%y(2, k) - w**2*q(3 + k)
           t%x(2, k) = t%y(1, k)
         end do
@@ -90,14 +81,14 @@ contains
           sq = sq + shape%sbar(k, :)*q(3 + k)
           sv = sv + shape%sbar(k, :)*v(3 + k)
           sa = sa + shape%sbar(k, :)*t%y(2, k)
-          turning = turning + shape%rest_c0(k)*t%y(2, k) + 2*shape%rest_i1f(k)*(w*v(3 + k) + wd*q(3 + k)) &
+          turning = turning + shape%c0(k)*t%y(2, k) + 2*shape%i1f(k)*(w*v(3 + k) + wd*q(3 + k)) &
                     + q(3 + k)*(t%mx(2, k) + t%zy(2, k))
-          t%elastic(k) = t%elastic(k) + shape%sbar(k, 1)*b(1) + shape%sbar(k, 2)*b(2) + shape%rest_c0(k)*wd &
+          t%elastic(k) = t%elastic(k) + shape%sbar(k, 1)*b(1) + shape%sbar(k, 2)*b(2) + shape%c0(k)*wd &
                          - w**2*shape%i1f(k) + t%mx(1, k) - t%zy(1, k)
         end do
         if (body%op%rotary) call add_product(body%op%symmetric, body%op%j, t%y(2, :), t%elastic(1:))
         p = p + sq
-        hp = shape%rest_i1 + turn(sq)
+        hp = hp + turn(sq)
       end associate
     end if
     t%frame(1:2) = body%mass*b + wd*hp - w**2*p + 2*w*turn(sv) + sa
@@ -171,28 +162,6 @@ contains
     t%block(3, 1) = -a2*p(2)
     t%block(3, 2) = a2*p(1)
     t%block(3, 3) = a2*mtt + a1*mttd - a0*dot_product(p, b)
-    if (.not. t%n > 0) return
-    if (body%shape%split) call rest_tangent(t, body, a2, a1, a0, q, v, a, dot_product(p, b), b)
   end subroutine body_tangent
 
-  !> Rest of the angle's diagonal entry where a turn of the undeformed body is split off, from the present products.
-  subroutine rest_tangent(t, body, a2, a1, a0, q, v, a, pb, b)
-    type(body_equations), intent(inout) :: t
-    type(body_model), intent(in) :: body
-    real(wp), intent(in) :: a2                   !! [1/s2] as in body_tangent
-    real(wp), intent(in) :: a1                   !! [1/s] likewise
-    real(wp), intent(in) :: a0                   !! [-] likewise
-    real(wp), intent(in), contiguous :: q(:), v(:), a(:)   !! (3 + n) as in body_residual [m, rad, ...]
-    real(wp), intent(in) :: pb                   !! p.b [N m]
-    real(wp), intent(in) :: b(2)                 !! [m/s2]
-    integer :: k
-    associate (shape => body%shape)
-      t%angle = a2*shape%rest_i11 - a0*(pb + 2*dot_product(turn(turn(body%i1) - shape%rest_i1), b) + 2*a(3)*shape%rest_spin)
-      do k = 1, t%n
-        t%angle = t%angle + a2*q(3 + k)*(2*shape%rest_i1f(k) + t%mx(1, k)) &
-                  + 2*a1*(shape%rest_i1f(k)*v(3 + k) + q(3 + k)*t%mx(2, k)) &
-                  + a0*((shape%i1f(k) - shape%rest_i1f(k))*a(3 + k) - 2*shape%m_turned(k)*(a(3)*q(3 + k) + v(3)*v(3 + k)))
-      end do
-    end associate
-  end subroutine rest_tangent
 end module body_terms

@@ -3,7 +3,7 @@
 module flexible_forces
   use kinds, only: wp
   use body, only: body_model, elastic_work
-  use elastic_operators, only: damping_forces
+  use elastic_operators, only: damping_forces, inertia_forces
   use segment_model, only: viscoelastic_segment
   implicit none (type, external)
   private
@@ -13,7 +13,7 @@ contains
 
   !> Adds to w%force theta'^2 m q + 2 theta' Z q' - dV/dq - C q' - terms' forces, and to w%coupling -Z q (theory.md, section 3).
   !> On entry w%q, w%v hold the coordinates and rates.
-  subroutine elastic_forces(b, segments, z, zd, thetad, w, zdd, qmq, qmv, moment, loss, power)
+  subroutine elastic_forces(b, segments, z, zd, thetad, w, zdd, qmq, qmv, loss, power)
     type(body_model), intent(in) :: b       !! the body, or one with the same constants, which are then read once for many bodies
     type(viscoelastic_segment), intent(in) :: segments(:)   !! the body's own
     real(wp), intent(in) :: z(*), zd(*)     !! (nz) internal variables, (nzd) rates of those of second order [m, rad] and per s
@@ -21,7 +21,6 @@ contains
     type(elastic_work), intent(inout) :: w
     real(wp), intent(inout) :: zdd(*)       !! (nz) their highest derivatives [m/s2, rad/s2], [m/s, rad/s]
     real(wp), intent(out) :: qmq, qmv       !! q^T m q [kg m2] and q^T m q' [kg m2/s], translational part of m_ff
-    real(wp), intent(out) :: moment         !! turned . (elastic forces and damping that motion asks for) [N m]
     real(wp), intent(inout) :: loss(*)      !! power dissipated by each term of each material [W]
     real(wp), intent(out) :: power          !! dissipated by Rayleigh damping [W]
     integer :: r
@@ -34,12 +33,9 @@ contains
                             loss(segment%losses + 1))
       end associate
     end do
-    call b%basis%add_forces(b, thetad, w, qmq, qmv)
-    moment = b%basis%turned_moment(b, w%d, w%ds, w%q)
-    if (.not. b%rayleigh) return
-    if (b%shape%split) moment = moment + dot_product(b%shape%turned, w%force(1:))
-    call damping_forces(b%op, b%nf, w%v(1), w%force(1), power)
-    if (b%shape%split) moment = moment - dot_product(b%shape%turned, w%force(1:))
+    call inertia_forces(b%op, b%nf, thetad, w%q(1), w%v(1), w%force(1), w%coupling(1), qmq, qmv)
+    call b%basis%add_stress(b, w%d, w%ds, w%q, -1.0_wp, w%force)
+    if (b%rayleigh) call damping_forces(b%op, b%nf, w%v(1), w%force(1), power)
   end subroutine elastic_forces
 
   !> y = x, as one piece of memory.

@@ -1,11 +1,9 @@
-!> Flexible bodies in nodal coordinates: deformations element by element, the forces that they ask for, their energy. A straight
-!> body whose elements follow one another, with linear strain, has a loop of its own (`chain_kernel`).
+!> Flexible bodies in nodal coordinates: deformations element by element, the forces that they ask for, their energy.
 module nodal_basis
   use kinds, only: wp
   use banded, only: band_factor, band_solve, band_solve_two, same_factor
-  use beam_element, only: element_stiffness, stiffening_tangent
-  use body, only: body_model, elastic_basis, elastic_work, operator_forces
-  use chain_kernel, only: chain_deformations, chain_forces
+  use beam_element, only: beam_geometry, bending, element_stiffness, stiffening_tangent
+  use body, only: body_model, elastic_basis, elastic_work
   use marker, only: marker_model
   use segment_model, only: strain_product
   use triplets, only: triplet_matrix
@@ -16,13 +14,9 @@ module nodal_basis
   type, extends(elastic_basis), public :: nodal_model
     type(band_factor) :: mff                        !! factor of m_ff
     logical :: straight = .true.                    !! all elements along body x
-    logical :: chain = .false.                      !! straight, elements one after the other, linear strain
-    real(wp), allocatable :: constants(:, :)        !! (10, ne) of each element (order: chain_kernel) [m, kg, N m, ...]
   contains
     procedure :: deform
     procedure :: add_stress
-    procedure :: add_forces
-    procedure :: turned_moment
     procedure :: solve_mass
     procedure :: strain_parts
     procedure :: largest_force
@@ -41,47 +35,31 @@ contains
     type(body_model), intent(in) :: b
     real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
     real(wp), intent(inout), contiguous :: d(:, :)  !! (nd, ne) [m, rad, rad]
-    if (self%chain) then
-      call chain_deformations(b%ne, b%nd, b%nf, b%edof, self%constants, q, d)
-    else
-      call element_deformations(self, b, b%stiffening, q, d)
-    end if
+    call element_deformations(b%ne, b%nd, b%nf, b%elements, b%stiffening, self%straight, b%edof, q, d)
   end subroutine deform
 
-  !> The same element by element, whatever the body's form.
-  pure subroutine element_deformations(self, b, stiffening, q, d)
-    class(nodal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    logical, intent(in) :: stiffening
-    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) [m, rad]
-    real(wp), intent(inout), contiguous :: d(:, :)  !! (nd, ne) [m, rad, rad]
+  !> The same as plain arrays, with the terms of stiffening or without.
+  pure subroutine element_deformations(ne, nd, nf, elements, stiffening, straight, edof, q, d)
+    integer, intent(in) :: ne, nd, nf
+    type(beam_geometry), intent(in) :: elements(ne)
+    logical, intent(in) :: stiffening, straight
+    integer, intent(in) :: edof(6, ne)
+    real(wp), intent(in) :: q(0:nf)                 !! [m, rad]
+    real(wp), intent(inout) :: d(nd, ne)            !! [m, rad, rad]
     real(wp) :: a(6), psi
     integer :: e
-    do e = 1, b%ne
-      call gather(self, b, e, q, a)
-      psi = (a(5) - a(2))*self%constants(2, e)
-      associate (p1 => d(b%nd - 1, e), p2 => d(b%nd, e))
+    do e = 1, ne
+      a = q(edof(:, e))
+      if (.not. straight) call to_element(elements(e)%c, elements(e)%s, a)
+      psi = (a(5) - a(2))/elements(e)%length
+      associate (p1 => d(nd - 1, e), p2 => d(nd, e))
         p1 = a(3) - psi
         p2 = a(6) - psi
-        if (b%nd == 3) d(1, e) = a(4) - a(1)
-        if (stiffening) d(1, e) = d(1, e) + b%elements(e)%length*(0.5_wp*psi**2 + (2*p1**2 - p1*p2 + 2*p2**2)/30)
+        if (nd == 3) d(1, e) = a(4) - a(1)
+        if (stiffening) d(1, e) = d(1, e) + elements(e)%length*(0.5_wp*psi**2 + (2*p1**2 - p1*p2 + 2*p2**2)/30)
       end associate
     end do
   end subroutine element_deformations
-
-  !> Coordinates (or rates) of an element in its own axes.
-  pure subroutine gather(self, b, e, x, a)
-    class(nodal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: e
-    real(wp), intent(in), contiguous :: x(0:)       !! (0:nf) [m, rad]
-    real(wp), intent(out) :: a(6)                   !! [m, rad]
-    integer :: k
-    do k = 1, 6
-      a(k) = x(b%edof(k, e))
-    end do
-    if (.not. self%straight) call to_element(b%elements(e)%c, b%elements(e)%s, a)
-  end subroutine gather
 
   !> Turns the displacements of an element from body axes into element axes.
   pure subroutine to_element(c, s, a)
@@ -96,28 +74,27 @@ contains
     a(5) = c*v - s*u
   end subroutine to_element
 
-  !> Forces along and across the element and end moments that its deformations ask for: D ds, with the terms of stiffening, whose
+  !> Forces along and across an element and end moments that its deformations ask for: D ds, with the terms of stiffening, whose
   !> chord turns by psi.
-  pure function element_stress(b, e, d, ds, psi) result(s)
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: e
-    real(wp), intent(in) :: d(:), ds(:)             !! (nd) deformations, and with the terms' differences [m, rad, rad]
+  pure function element_stress(g, nd, stiffening, d, ds, psi) result(s)
+    type(beam_geometry), intent(in) :: g
+    integer, intent(in) :: nd                       !! 3, or 2 without axial deformation
+    logical, intent(in) :: stiffening
+    real(wp), intent(in) :: d(nd), ds(nd)           !! deformations, and with the terms' differences [m, rad, rad]
     real(wp), intent(in) :: psi                     !! [rad]
     real(wp) :: s(4)                                !! axial, transverse [N], end moments [N m]
     real(wp) :: n
-    associate (ei_l => b%elements(e)%ei_l, length => b%elements(e)%length)
-      s(1) = 0.0_wp
-      if (b%nd == 3) s(1) = b%elements(e)%ea_l*ds(1)
-      s(3) = ei_l*(4*ds(b%nd - 1) + 2*ds(b%nd))
-      s(4) = ei_l*(2*ds(b%nd - 1) + 4*ds(b%nd))
-      if (b%stiffening) then
-        n = s(1)*length/30
-        s(3) = s(3) + n*(4*d(2) - d(3))
-        s(4) = s(4) + n*(4*d(3) - d(2))
-      end if
-      s(2) = (s(3) + s(4))/length
-      if (b%stiffening) s(2) = s(2) - s(1)*psi
-    end associate
+    s(1) = 0.0_wp
+    if (nd == 3) s(1) = g%ea_l*ds(1)
+    s(3) = g%ei_l*(bending(1, 1)*ds(nd - 1) + bending(1, 2)*ds(nd))
+    s(4) = g%ei_l*(bending(2, 1)*ds(nd - 1) + bending(2, 2)*ds(nd))
+    if (stiffening) then
+      n = s(1)*g%length/30
+      s(3) = s(3) + n*(4*d(2) - d(3))
+      s(4) = s(4) + n*(4*d(3) - d(2))
+    end if
+    s(2) = (s(3) + s(4))/g%length
+    if (stiffening) s(2) = s(2) - s(1)*psi
   end function element_stress
 
   !> Adds B^T D ds of all elements, with the terms of stiffening, times a factor to f: forces that the deformations ask for.
@@ -128,91 +105,36 @@ contains
     real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
     real(wp), intent(in) :: factor                  !! 1, or -1 for forces that they exert [-]
     real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) [N, N m], entry 0 is thrown away
-    real(wp) :: y(6)
-    integer :: e, k
-    do e = 1, b%ne
-      y = nodal_forces(self, b, e, d(:, e), ds(:, e), q)
-      do k = 1, 6
-        f(b%edof(k, e)) = f(b%edof(k, e)) + factor*y(k)
-      end do
-    end do
+    call add_elements(b%ne, b%nd, b%nf, b%elements, b%stiffening, self%straight, b%edof, d, ds, q, factor, f)
   end subroutine add_stress
 
-  !> turned . (elastic forces that deformations ask for). No element resists a turn of the undeformed body, but for the one of its
-  !> chord where its axial force acts along that; so the sum is less what elements exert on the rest of a turn.
-  pure real(wp) function turned_moment(self, b, d, ds, q) result(moment)   ! [N m]
-    class(nodal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! (nd, ne) deformations, and with terms' differences [m, rad, rad]
-    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
-    real(wp) :: a(6)
+  !> The same as plain arrays.
+  pure subroutine add_elements(ne, nd, nf, elements, stiffening, straight, edof, d, ds, q, factor, f)
+    integer, intent(in) :: ne, nd, nf
+    type(beam_geometry), intent(in) :: elements(ne)
+    logical, intent(in) :: stiffening, straight
+    integer, intent(in) :: edof(6, ne)
+    real(wp), intent(in) :: d(nd, ne), ds(nd, ne)   !! [m, rad, rad]
+    real(wp), intent(in) :: q(0:nf)                 !! [m, rad]
+    real(wp), intent(in) :: factor                  !! [-]
+    real(wp), intent(inout) :: f(0:nf)              !! [N, N m]
+    real(wp) :: s(4), y(6), a(6), psi               ! [N, N m], [N, N m], [m, rad], turn of the chord [rad]
     integer :: e, k
-    moment = 0.0_wp
-    if (.not. b%shape%split) return
-    if (b%stiffening) then
-      do e = 1, b%ne
-        call gather(self, b, e, q, a)
-        moment = moment + b%elements(e)%ea_l*ds(1, e)*(a(5) - a(2))
-      end do
-    end if
-    do k = 1, size(b%shape%rest_element)
-      e = b%shape%rest_element(k)
-      moment = moment - dot_product(b%shape%rest(:, k), nodal_forces(self, b, e, d(:, e), ds(:, e), q))
-    end do
-  end function turned_moment
-
-  !> Forces on the nodes of an element that its deformations ask for, body axes.
-  pure function nodal_forces(self, b, e, d, ds, q) result(y)
-    class(nodal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: e
-    real(wp), intent(in) :: d(:), ds(:)             !! (nd) [m, rad, rad]
-    real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, for stiffening [m, rad]
-    real(wp) :: y(6)                                !! [N, N m]
-    real(wp) :: s(4), a(6), psi                     ! [N, N m], [m, rad], turn of the chord [rad]
     psi = 0.0_wp
-    if (b%stiffening) then
-      call gather(self, b, e, q, a)
-      psi = (a(5) - a(2))*self%constants(2, e)
-    end if
-    s = element_stress(b, e, d, ds, psi)
-    y = [-s(1), s(2), s(3), s(1), -s(2), s(4)]
-    if (.not. self%straight) call to_element(b%elements(e)%c, -b%elements(e)%s, y)
-  end function nodal_forces
-
-  !> Inertia forces of the elastic coordinates: of a chain in one loop over its elements, of other bodies by the operators.
-  pure subroutine add_forces(self, b, thetad, w, qmq, qmv)
-    class(nodal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    real(wp), intent(in) :: thetad                  !! [rad/s]
-    type(elastic_work), intent(inout) :: w
-    real(wp), intent(out) :: qmq, qmv               !! [kg m2], [kg m2/s]
-    if (self%chain) then
-      call chain_forces(b%ne, b%nd, b%nf, b%edof, self%constants, w%ds, thetad, w%q, w%v, w%force, w%coupling, qmq, qmv)
-      call lump_forces(b, thetad, w, qmq, qmv)
-    else
-      call operator_forces(self, b, thetad, w, qmq, qmv)
-    end if
-  end subroutine add_forces
-
-  !> Inertia forces of lumps on a chain: theta'^2 mu u and the terms with 2 theta' mu H^T. Their rotary inertia is in m_ff alone.
-  pure subroutine lump_forces(b, thetad, w, qmq, qmv)
-    type(body_model), intent(in) :: b
-    real(wp), intent(in) :: thetad                  !! [rad/s]
-    type(elastic_work), intent(inout) :: w
-    real(wp), intent(inout) :: qmq, qmv             !! [kg m2], [kg m2/s]
-    integer :: k
-    do k = 1, size(b%lumps)
-      associate (i => b%dof(1, b%lumps(k)%node), j => b%dof(2, b%lumps(k)%node), mu => b%lumps(k)%mass)
-        qmq = qmq + mu*(w%q(i)**2 + w%q(j)**2)
-        qmv = qmv + mu*(w%q(i)*w%v(i) + w%q(j)*w%v(j))
-        w%force(i) = w%force(i) + mu*(thetad**2*w%q(i) + 2*thetad*w%v(j))
-        w%force(j) = w%force(j) + mu*(thetad**2*w%q(j) - 2*thetad*w%v(i))
-        w%coupling(i) = w%coupling(i) - mu*w%q(j)
-        w%coupling(j) = w%coupling(j) + mu*w%q(i)
-      end associate
+    do e = 1, ne
+      if (stiffening) then
+        a = q(edof(:, e))
+        if (.not. straight) call to_element(elements(e)%c, elements(e)%s, a)
+        psi = (a(5) - a(2))/elements(e)%length
+      end if
+      s = factor*element_stress(elements(e), nd, stiffening, d(1, e), ds(1, e), psi)
+      y = [-s(1), s(2), s(3), s(1), -s(2), s(4)]
+      if (.not. straight) call to_element(elements(e)%c, -elements(e)%s, y)
+      do k = 1, 6
+        f(edof(k, e)) = f(edof(k, e)) + y(k)
+      end do
     end do
-  end subroutine lump_forces
+  end subroutine add_elements
 
   !> m_ff^-1 x and m_ff^-1 y by the band factor of m_ff.
   pure subroutine solve_mass(self, n, work, x, y)
@@ -240,7 +162,7 @@ contains
       parts = energies(b, d)
     else
       allocate (linear(b%nd, b%ne))
-      call element_deformations(self, b, .false., [0.0_wp, q], linear)
+      call element_deformations(b%ne, b%nd, b%nf, b%elements, .false., self%straight, b%edof, [0.0_wp, q], linear)
       parts = energies(b, linear)
     end if
   end function strain_parts
@@ -267,7 +189,7 @@ contains
     integer :: e
     force = 0.0_wp
     do e = 1, b%ne
-      s = element_stress(b, e, d(:, e), d(:, e), 0.0_wp)
+      s = element_stress(b%elements(e), b%nd, b%stiffening, d(:, e), d(:, e), 0.0_wp)
       force = max(force, abs(s(1)), abs(s(2)))
     end do
   end function largest_force
@@ -330,22 +252,17 @@ contains
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     type(marker_model), intent(inout) :: p
-    integer :: c
     p%dof = b%dof(:, p%node)
-    do c = 1, 3
-      if (p%dof(c) > 0) p%turned(c) = b%shape%turned(p%dof(c))
-    end do
   end subroutine attach
 
-  !> Compares the constants of the elements and the factor of m_ff.
+  !> Compares the factor of m_ff.
   pure logical function same(self, other)
     class(nodal_model), intent(in) :: self
     class(elastic_basis), intent(in) :: other
     same = .false.
     select type (other)
     type is (nodal_model)
-      same = (self%chain .eqv. other%chain) .and. all(abs(self%constants - other%constants) <= 0.0_wp)
-      if (same) same = same_factor(self%mff, other%mff)
+      same = same_factor(self%mff, other%mff)
     end select
   end function same
 end module nodal_basis

@@ -1,6 +1,7 @@
 !> The internal variables of neighbouring elements that share one viscoelastic material, or of modal amplitudes on one material.
 module segment_model
   use kinds, only: wp
+  use beam_element, only: bending
   use internal_variables, only: internal_state
   implicit none (type, external)
   private
@@ -48,10 +49,10 @@ contains
     do e = 1, n
       if (nd == 3) stretch = stretch + ea_l(e)*x(1, e)*y(1, e)
       associate (x1 => x(nd - 1, e), x2 => x(nd, e), y1 => y(nd - 1, e), y2 => y(nd, e))
-        bend = bend + ei_l(e)*(x1*y1 + x2*y2 + (x1 + x2)*(y1 + y2))
+        bend = bend + ei_l(e)*(x1*(bending(1, 1)*y1 + bending(1, 2)*y2) + x2*(bending(2, 1)*y1 + bending(2, 2)*y2))
       end associate
     end do
-    parts = [stretch, 2*bend]
+    parts = [stretch, bend]
   end function strain_product
 
   !> x^T D y of modal amplitudes.

@@ -51,11 +51,11 @@ contains
         associate (shape => body%shape, x => q(i + 1:i + body%nf))
           w%force = 0.0_wp
           w%v(1:) = -x
-          w%coupling(1:) = shape%rest_c0
+          w%coupling(1:) = shape%c0
           call add_product(body%op%skew, body%op%z, w%v(1:), w%coupling(1:))
           call solve_elastic(self, ev, b, sx, sy, tx, ty)
-          inertia = shape%rest_i11 + 2*dot_product(shape%rest_i1f, x) + bilinear(body%op%symmetric, body%op%m, x, x) - ty
-          call factor_mass(body, shape%rest_i1 + turn(shape%moment(x)) - sy, inertia, ev%frame%l(:, b), ev%frame%dinv(:, b))
+          inertia = body%i11 + 2*dot_product(shape%i1f, x) + bilinear(body%op%symmetric, body%op%m, x, x) - ty
+          call factor_mass(body, turn(body%i1 + shape%moment(x)) - sy, inertia, ev%frame%l(:, b), ev%frame%dinv(:, b))
         end associate
       end associate
     end do
@@ -64,7 +64,7 @@ contains
   !> Factors of a flexible body's condensed mass.
   pure subroutine factor_mass(body, moment, inertia, frame_l, frame_dinv)
     type(body_model), intent(in) :: body
-    real(wp), intent(in) :: moment(2)       !! condensed, of the rest of a turn [kg m]
+    real(wp), intent(in) :: moment(2)       !! condensed: H p [kg m]
     real(wp), intent(in) :: inertia         !! likewise [kg m2]
     real(wp), intent(out) :: frame_l(3)     !! L [-, m, m]
     real(wp), intent(out) :: frame_dinv(3)  !! 1/D [1/kg, 1/kg, 1/(kg m2)]
@@ -102,7 +102,7 @@ contains
     real(wp), intent(in) :: gravity(2)                !! [m/s2]
     real(wp), intent(in), contiguous :: q(:), v(:)    !! (nq) [m, rad] and per second
     real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz) [m, rad], (nzd) per second
-    real(wp) :: g(2), thetad, qmq, qmv, moment, power, p(2), hp(2), sq(2), sv(2), rest_q, rest_v, turned_q
+    real(wp) :: g(2), thetad, qmq, qmv, power, p(2), sq(2), sv(2), i1q, i1v
     real(wp) :: sx(2), sy(2), tx, ty, before
     integer :: i, n
     i = self%s%qo(b) + 3
@@ -112,26 +112,22 @@ contains
       g(1) = ev%frame%cos(b)*gravity(1) + ev%frame%sin(b)*gravity(2)
       g(2) = -ev%frame%sin(b)*gravity(1) + ev%frame%cos(b)*gravity(2)
       call take_coordinates(n, q(i + 1:i + n), v(i + 1:i + n), w%q(1), w%v(1))
-      call start_forces(n, body%shape%sbar, body%shape%i1f, body%shape%rest_c0, g, thetad, w%force(1), w%coupling(1))
-      call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), body%shape%sbar, body%shape%rest_i1f, sq, sv, rest_q, rest_v)
-      turned_q = 0.0_wp
-      if (body%shape%split) turned_q = dot_product(body%shape%m_turned, q(i + 1:i + n))
+      call start_forces(n, body%shape%sbar, body%shape%i1f, body%shape%c0, g, thetad, w%force(1), w%coupling(1))
+      call frame_products(n, q(i + 1:i + n), v(i + 1:i + n), body%shape%sbar, body%shape%i1f, sq, sv, i1q, i1v)
       p = body%i1 + sq
-      hp = body%shape%rest_i1 + turn(sq)
       if (size(self%s%integrated) > 0) before = sum(ev%loss)
-      call elastic_forces(body, self%s%bodies(b)%segments, z, zd, thetad, w, ev%zdd, qmq, qmv, moment, &
-                          ev%loss, power)
+      call elastic_forces(body, self%s%bodies(b)%segments, z, zd, thetad, w, ev%zdd, qmq, qmv, ev%loss, power)
       if (size(self%s%integrated) > 0) ev%dissipated_in(b) = power + (sum(ev%loss) - before)
       ev%dissipated_power = ev%dissipated_power + power
       ev%frame%first_moment(:, b) = p
       ev%frame%rhs(1, b) = body%mass*g(1) + thetad**2*p(1) + 2*thetad*sv(2)
       ev%frame%rhs(2, b) = body%mass*g(2) + thetad**2*p(2) - 2*thetad*sv(1)
-      ev%frame%rhs(3, b) = dot_product(hp, g) - 2*thetad*(rest_v + qmv) - thetad**2*(body%shape%rest_spin + turned_q) + moment
+      ev%frame%rhs(3, b) = p(1)*g(2) - p(2)*g(1) - 2*thetad*(i1v + qmv)
       call load_elastic(self, ev, b)
       call solve_elastic(self, ev, b, sx, sy, tx, ty)
       ev%frame%rhs(1:2, b) = ev%frame%rhs(1:2, b) - sx
       ev%frame%rhs(3, b) = ev%frame%rhs(3, b) - tx
-      call factor_mass(body, hp - sy, body%shape%rest_i11 + 2*rest_q + qmq - ty, ev%frame%l(:, b), ev%frame%dinv(:, b))
+      call factor_mass(body, turn(p) - sy, body%i11 + 2*i1q + qmq - ty, ev%frame%l(:, b), ev%frame%dinv(:, b))
     end associate
     if (.not. all(ev%frame%dinv(:, b) > 0.0_wp)) ev%broken = .true.
   end subroutine flexible_body
@@ -145,48 +141,46 @@ contains
     xd = v
   end subroutine take_coordinates
 
-  !> Q_f without elastic and velocity-product terms, m_theta_f of the rest of a turn without Z q.
-  pure subroutine start_forces(n, sbar, i1f, rest_c0, g, thetad, force, coupling)
+  !> Q_f without elastic and velocity-product terms, m_theta_f without Z q.
+  pure subroutine start_forces(n, sbar, i1f, c0, g, thetad, force, coupling)
     integer, intent(in) :: n
-    real(wp), intent(in) :: sbar(n, 2), i1f(n), rest_c0(n)   !! [kg], [kg m], [kg m]
+    real(wp), intent(in) :: sbar(n, 2), i1f(n), c0(n)   !! [kg], [kg m], [kg m]
     real(wp), intent(in) :: g(2)                      !! gravity in body axes [m/s2]
     real(wp), intent(in) :: thetad                    !! [rad/s]
     real(wp), intent(out) :: force(n), coupling(n)    !! [N, N m], [kg m, kg m2]
     force = thetad**2*i1f + sbar(:, 1)*g(1) + sbar(:, 2)*g(2)
-    coupling = rest_c0
+    coupling = c0
   end subroutine start_forces
 
   !> Products with q_f and q_f'.
-  pure subroutine frame_products(n, q, v, sbar, rest_i1f, sq, sv, rest_q, rest_v)
+  pure subroutine frame_products(n, q, v, sbar, i1f, sq, sv, i1q, i1v)
     integer, intent(in) :: n
     real(wp), intent(in) :: q(n), v(n)                !! [m, rad] and per second
-    real(wp), intent(in) :: sbar(n, 2), rest_i1f(n)   !! [kg], [kg m]
+    real(wp), intent(in) :: sbar(n, 2), i1f(n)   !! [kg], [kg m]
     real(wp), intent(out) :: sq(2), sv(2)             !! S-bar q_f [kg m], S-bar q_f' [kg m/s]
-    real(wp), intent(out) :: rest_q, rest_v           !! rest_i1f q_f [kg m2], rest_i1f q_f' [kg m2/s]
+    real(wp), intent(out) :: i1q, i1v           !! I1f q_f [kg m2], I1f q_f' [kg m2/s]
     integer :: k
     sq = 0.0_wp
     sv = 0.0_wp
-    rest_q = 0.0_wp
-    rest_v = 0.0_wp
+    i1q = 0.0_wp
+    i1v = 0.0_wp
     do k = 1, n
       sq(1) = sq(1) + sbar(k, 1)*q(k)
       sq(2) = sq(2) + sbar(k, 2)*q(k)
       sv(1) = sv(1) + sbar(k, 1)*v(k)
       sv(2) = sv(2) + sbar(k, 2)*v(k)
-      rest_q = rest_q + rest_i1f(k)*q(k)
-      rest_v = rest_v + rest_i1f(k)*v(k)
+      i1q = i1q + i1f(k)*q(k)
+      i1v = i1v + i1f(k)*v(k)
     end do
   end subroutine frame_products
 
-  !> X = m_ff^-1 Q_f and Y = m_ff^-1 m_theta_f^T, and their products. The part of Y in which nodes turn with the undeformed body is
-  !> known; only the rest is solved for and is in `ty`. For a fine mesh clamped at a node it is a small difference of large
-  !> inertias.
+  !> X = m_ff^-1 Q_f and Y = m_ff^-1 m_theta_f^T, and their products.
   subroutine solve_elastic(self, ev, b, sx, sy, tx, ty)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: b
     real(wp), intent(out) :: sx(2), sy(2)             !! S-bar X [N], S-bar Y [kg m]
-    real(wp), intent(out) :: tx, ty                   !! m_theta_f X [N m], of the rest m_theta_f Y [kg m2]
+    real(wp), intent(out) :: tx, ty                   !! m_theta_f X [N m], m_theta_f Y [kg m2]
     integer :: n, k, j, i
     associate (body => self%s%bodies(self%prototype(b)), at => self%attached(b), found => ev%attached(b), w => ev%elastic(b))
       n = body%nf
@@ -201,7 +195,6 @@ contains
         tx = tx + w%v(k)*w%force(k)
         ty = ty + w%v(k)*w%coupling(k)
       end do
-      if (body%shape%split) w%coupling(1:n) = w%coupling(1:n) + body%shape%turned
       do j = 1, size(at%marker)
         if (allocated(self%s%markers(at%marker(j))%psi)) then
           call products3(n, self%s%markers(at%marker(j))%psi, w%force(1:n), w%coupling(1:n), found%ex(:, j), found%ey(:, j))

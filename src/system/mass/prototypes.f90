@@ -60,10 +60,18 @@ contains
     same = equal(4, [a%mass, a%i1, a%i11], [b%mass, b%i1, b%i11]) .and. equal(size(a%lumps), a%lumps%mass, b%lumps%mass) .and. &
            equal(size(a%shape%sbar), a%shape%sbar, b%shape%sbar) .and. equal(a%nf, a%shape%i1f, b%shape%i1f) .and. &
            equal(a%nf, a%shape%c0, b%shape%c0) .and. equal(size(a%shape%pmat), a%shape%pmat, b%shape%pmat) .and. &
-           equal(2*a%ne, [a%elements%c, a%elements%ray_m], [b%elements%c, b%elements%ray_m]) .and. &
-           equal(2*a%ne, [a%elements%s, a%elements%ray_k], [b%elements%s, b%elements%ray_k])
+           equal(8*a%ne, constants(a), constants(b))
     if (same) same = a%basis%same(b%basis)
   end function same_constants
+
+  !> The elements' constants.
+  pure function constants(b) result(x)
+    type(body_model), intent(in) :: b
+    real(wp) :: x(8*b%ne)                        ! [-, 1/s, s, m, kg, N/m, N m]
+    associate (e => b%elements)
+      x = [e%c, e%s, e%ray_m, e%ray_k, e%length, e%mass, e%ea_l, e%ei_l]
+    end associate
+  end function constants
 
   !> Whether two bodies of the same constants are attached in the same way.
   pure logical function same_attachments(a, b) result(same)

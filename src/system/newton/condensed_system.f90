@@ -37,7 +37,6 @@ module condensed_system
     real(number) :: force(3) = 0.0_wp        !! residual of the frame, body axes [N, N, N m]
     real(number), allocatable :: elastic(:)  !! (n) residual of the elastic coordinates, then T0^-1 times it [N, N m], [m, rad]
     real(number) :: frame(3, 3) = 0.0_wp     !! tangent of the frame [N/m, N, N m]
-    real(number) :: angle = 0.0_wp           !! what is left of its last entry (`body_equations`) [N m]
     real(number) :: origin(2) = 0.0_wp       !! rows of the origin: origin(1) S + origin(2) H S; its columns: c1 S^T [kg/s2]
     real(number), allocatable :: column(:)   !! (n) tangent of the elastic residual by the angle, then T0^-1 times it [N, m, ...]
     real(number), allocatable :: row(:)      !! (n) tangent of the angle's residual by the elastic coordinates [N, N m]

@@ -23,11 +23,6 @@ module elastic_block
     integer, allocatable :: entry(:)         !! where these entries stand on the symmetric pattern of the operators
     real(number), allocatable :: value(:)    !! (symmetric pattern) T0 [kg/s2, ...]
     real(number), allocatable :: lower(:)    !! its lower triangle [N/m, N, N m]
-    logical :: turn_apart = .false.          !! the angle's row and residual leave out a turn of the undeformed body
-    real(number), allocatable :: base_turned(:)      !! (n) T0 times a turn of the undeformed body (`shape_integrals`) [N, N m]
-    real(number), allocatable :: full_turned(:)      !! (n) the full block transposed times it [N, N m]
-    real(number) :: base_stiffness = 0.0_wp  !! of that turn by T0 without c1 m_ff [N m]
-    real(number) :: full_stiffness = 0.0_wp  !! the same by the full block [N m]
     integer :: kb = 0                        !! half band width of the full block
     integer, allocatable :: position(:)      !! (n) its ordering
     real(number), allocatable :: lu(:, :)    !! its LU in LAPACK's band storage [N/m, N, N m]
@@ -67,7 +62,7 @@ contains
     end associate
     allocate (self%value(n), self%lower(size(self%entry)), self%lu(3*self%kb + 1, self%n), self%x(self%n, 1), &
               self%work(2, self%n))
-    allocate (self%factor(segments), self%base_turned(self%n), self%full_turned(self%n))
+    allocate (self%factor(segments))
     self%x = 0.0_wp
   end subroutine set_up
 
@@ -89,34 +84,7 @@ contains
       self%lower(i) = self%value(self%entry(i))
     end do
     call factor_again(self%base, self%row, self%col, self%lower, bad)
-    self%turn_apart = body%shape%split
-    if (self%turn_apart) call turn_base(self, body, c1, c2)
   end subroutine factor_base
-
-  !> T0 times a turn of the undeformed body. No element resists a rigid turn of its own: its stiffness acts on the rest alone.
-  subroutine turn_base(self, body, c1, c2)
-    class(block_factor), intent(inout) :: self
-    type(body_model), intent(in) :: body
-    real(number), intent(in) :: c1           !! [1/s2]
-    real(number), intent(in) :: c2           !! [1/s]
-    real(number) :: force(6)                 ! [N, N m]
-    integer :: k, i
-    associate (shape => body%shape)
-      self%base_turned = c1*(shape%c0 - shape%rest_c0) + c2*shape%c_turned
-      self%base_stiffness = c2*dot_product(shape%turned, shape%c_turned)
-      do k = 1, size(shape%rest_element)
-        associate (e => shape%rest_element(k))
-          force = element_factor(self, body, e)*matmul(element_stiffness(body%elements(e)), shape%rest(:, k))
-          self%base_stiffness = self%base_stiffness + sum(shape%rest(:, k)*force)
-          do i = 1, 6
-            associate (j => body%edof(i, e))
-              if (j > 0) self%base_turned(j) = self%base_turned(j) - force(i)
-            end associate
-          end do
-        end associate
-      end do
-    end associate
-  end subroutine turn_base
 
   !> Stiffness of an element with the terms condensed over the static one.
   pure function element_factor(self, body, e) result(factor)
@@ -144,12 +112,6 @@ contains
     integer :: e
     turn = 2*c2*w + wd
     self%lu = 0.0_wp
-    if (self%turn_apart) then
-      associate (shape => body%shape)
-        self%full_turned = self%base_turned - w**2*shape%m_turned + turn*(shape%i1f - shape%rest_i1f)
-        self%full_stiffness = self%base_stiffness - w**2*dot_product(shape%turned, shape%m_turned)
-      end associate
-    end if
     associate (op => body%op)
       do e = 1, size(self%value)             ! a pattern's column is the row's number in the operators
         call add(self, op%symmetric%col(e), op%symmetric%row(e), self%value(e) - w**2*op%m(e))
@@ -191,12 +153,8 @@ contains
     k = k - element_stiffness(body%elements(e))
     do j = 1, 6
       do i = 1, 6
-        associate (row => body%edof(i, e), col => body%edof(j, e), x => factor*k(i, j) + g(i, j), turned => body%shape%turned)
-          if (row == 0 .or. col == 0) cycle
-          call add(self, row, col, x)
-          if (.not. self%turn_apart) cycle
-          self%full_turned(col) = self%full_turned(col) + x*turned(row)
-          self%full_stiffness = self%full_stiffness + x*turned(row)*turned(col)
+        associate (row => body%edof(i, e), col => body%edof(j, e))
+          if (row > 0 .and. col > 0) call add(self, row, col, factor*k(i, j) + g(i, j))
         end associate
       end do
     end do

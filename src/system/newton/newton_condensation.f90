@@ -11,7 +11,6 @@ module newton_condensation
   use elastic_columns, only: fill_columns, seen
   use evaluation_results, only: evaluation, conditions_of
   use force_element, only: conditions
-  use marker, only: turn
   use mechanism, only: mechanism_model
   use row_sides, only: side_a, side_b, side_c
   use small_matrices, only: invert3
@@ -30,14 +29,12 @@ contains
     logical, intent(in) :: first             !! nothing was there before
     if (first) then
       x%frame = part*eq%block
-      x%angle = part*eq%angle
       x%origin = part*eq%origin
       if (x%n == 0) return
       x%column = part*eq%column(1:x%n)
       x%row = part*eq%row(1:x%n)
     else
       x%frame = x%frame + part*eq%block
-      x%angle = x%angle + part*eq%angle
       x%origin = x%origin + part*eq%origin
       if (x%n == 0) return
       x%column = x%column + part*eq%column(1:x%n)
@@ -72,7 +69,7 @@ contains
             if (bad) return
           end if
           if (full_block .or. x%at%full_block) call fill_columns(x, m%s%bodies(b), m%s%markers, full_block)
-          call solve_column(x, m%s%bodies(b)%shape%turned, full_block)
+          call x%block%solve_two(full_block, x%elastic, x%column)
         end if
         call condense_frame(x, m, b, self%c1, bad)
         if (bad) return
@@ -82,28 +79,6 @@ contains
     call factor_rows(self%rows, shift)
     bad = self%rows%bad
   end subroutine condense
-
-  !> Solves the elastic residual and the column of the angle. The motion of nodes in a turn of the undeformed body is known. Where
-  !> it is split off, the row of the angle and its diagonal entry keep only the part of the rest of the turn.
-  subroutine solve_column(x, turned, full_block)
-    type(condensed_body), intent(inout) :: x
-    real(wp), intent(in) :: turned(:)        !! (n) coordinates of that turn [m, -]
-    logical, intent(in) :: full_block        !! with the full elastic block
-    integer :: k
-    associate (entry => x%frame(3, 3), block => x%block)
-      if (block%turn_apart .and. full_block) then
-        x%row = x%row - block%full_turned
-        entry = x%angle + block%full_stiffness + sum(x%row*turned)
-      else if (block%turn_apart) then
-        x%row = x%row - block%base_turned
-        entry = x%angle + block%base_stiffness + sum(x%row*turned)
-      end if
-      call x%block%solve_two(full_block, x%elastic, x%column)
-      do k = 1, x%n
-        entry = entry - x%row(k)*x%column(k)
-      end do
-    end associate
-  end subroutine solve_column
 
   !> Marker-level tangents of curved joints and of force elements.
   subroutine fill_laws(self, m, ev, lambda)
@@ -180,11 +155,11 @@ contains
         do k = 1, t%n
           y = y + body%shape%sbar(k, :)*t%column(k)
           rx = rx + t%row(k)*t%at%xs(k, :)
+          a(3, 3) = a(3, 3) - t%row(k)*t%column(k)
         end do
       end associate
       a(1, 3) = a(1, 3) - t%origin(1)*y(1) + t%origin(2)*y(2)
       a(2, 3) = a(2, 3) - t%origin(1)*y(2) - t%origin(2)*y(1)
-      if (t%block%turn_apart) rx = rx + turn(m%s%bodies(b)%i1) - m%s%bodies(b)%shape%rest_i1
       a(3, 1:2) = a(3, 1:2) - c1*rx
       do j = 1, size(t%at%rxe)
         rc = 0.0_wp
@@ -232,7 +207,6 @@ contains
       j = [w(1), w(2), w(3) + ev%p%rho(1, k)*w(2) - ev%p%rho(2, k)*w(1)]
       r%marker_column(:, e) = w
       r%frame_column(:, e) = j
-      if (t%block%turn_apart) r%frame_column(3, e) = dot_product(m%s%markers(k)%rest_of_turn(ev%p%rho(:, k)), w)
       if (r%kind(e) > 3) then                ! what turning adds to a marker's rate
         rel = ev%p%v(:, k) - v(m%s%qo(b) + 1:m%s%qo(b) + 2)
         rel = [ev%frame%cos(b)*rel(1) + ev%frame%sin(b)*rel(2), ev%frame%cos(b)*rel(2) - ev%frame%sin(b)*rel(1)]

@@ -111,7 +111,7 @@ contains
           call m%s%markers(k)%add_elastic_forces(self%wrench(:, k), eq%elastic(1:eq%n))
         end if
         eq%frame(1:2) = eq%frame(1:2) + self%wrench(1:2, k)
-        eq%frame(3) = eq%frame(3) + dot_product(m%s%markers(k)%rest_of_turn(ev%p%rho(:, k)), self%wrench(:, k))
+        eq%frame(3) = eq%frame(3) + self%wrench(3, k) + ev%p%rho(1, k)*self%wrench(2, k) - ev%p%rho(2, k)*self%wrench(1, k)
       end associate
     end do
   end subroutine residual

@@ -44,9 +44,6 @@ contains
     call residual(self, m, ev, options, t, q, v, none, lambda)
     do b = 1, size(self%eq)                    ! the difference of both is M a
       associate (t => self%t%b(b), eq => self%eq(b))
-        if (t%n > 0 .and. .not. t%block%turn_apart) then
-          t%force(3) = t%force(3) - sum(m%s%bodies(b)%shape%turned*eq%elastic(1:t%n))
-        end if
         t%force = self%t%c1*(eq%frame - t%force)
         if (t%n > 0) t%elastic = self%t%c1*(eq%elastic(1:t%n) - t%elastic)
       end associate
