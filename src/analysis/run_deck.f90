@@ -31,7 +31,6 @@ module run_deck
   use accuracy_run, only: run_to_accuracy
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
-  use turning_advice, only: advise_turning
   use typical_mistakes, only: warn_of_mistakes
   use validity, only: thick_beams
   implicit none (type, external)
@@ -96,7 +95,7 @@ contains
     if (options%check) call mobility_lines(run%d, text)
     if (options%check) call flexibility_lines(run, text)
     if (options%json .or. .not. options%check) call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)   ! in JSON alone
-    call advise(run%d, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), advice)
+    call advise(run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), advice)
     k = method_number(run%d%transient%method)
     if (k > 0) run%stable_step = advice%safe%step(k)
     run%stable_steps = advice%lowest
@@ -187,7 +186,13 @@ contains
     if (k == 0) then
       line = trim(run%d%transient%method)//', stable with any step for small vibrations: accuracy alone sets it'
       call text%line('  this deck: '//line)
-      if (run%d%transient%method == 'generalized_alpha') call advise_turning(run, fixed_step_of(run), text)
+      if (run%d%transient%method /= 'generalized_alpha') return
+      do k = 1, size(run%sys%m%s%constraints)
+        associate (c => run%sys%m%s%constraints(k)%item)
+          if (c%line_turns()) call text%line('    where the line of "'//trim(c%name)//'" turns that is not proven; radau is '// &
+                                             'stable there')
+        end associate
+      end do
       return
     else if (run%d%transient%adaptive) then
       line = trim(method_names(k))//' with tolerance='//to_text(run%d%transient%tolerance)//': the error control keeps '// &

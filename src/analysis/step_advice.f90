@@ -1,10 +1,8 @@
-!> Which explicit step is stable, what limits it and what removing that would buy (theory.md, section 8). Safe bound: joints
+!> Which explicit step is stable, what limits it and what allows larger ones (theory.md, section 8). Safe bound: joints
 !> and drives released, for the whole run of linear bodies. Current bound: the constrained mechanism as it stands.
 module step_advice
   use kinds, only: wp
-  use assembly_reports, only: assembly_report
-  use deck_changes, only: can_change, change_body, change_words, mode_changes, without_ghm, without_rayleigh
-  use deck_records, only: deck
+  use bound_causes, only: bound_cause
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -15,7 +13,6 @@ module step_advice
   use step_bounds, only: step_bound, find_bound, take_smaller
   use summary_text, only: json_number, summary_record
   use text, only: fixed_text
-  use trial_scene, only: assemble_deck
   use validity, only: bend_to_limit
   implicit none (type, external)
   private
@@ -32,14 +29,13 @@ module step_advice
 contains
 
   !> Both bounds at the present state, with their explanation.
-  subroutine advise(d, m, ev, q, advice)
-    type(deck), intent(in) :: d
+  subroutine advise(m, ev, q, advice)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m, rad]
     type(stability_advice), intent(out) :: advice
     call both_bounds(m, ev, q, advice%safe, advice%current)
-    call advice_lines(d, m, advice)
+    call advice_lines(m, advice)
     call note_limits(m, ev, q, advice)
   end subroutine advise
 
@@ -112,9 +108,8 @@ contains
     if (present(current)) current = assembled
   end subroutine both_bounds
 
-  !> The advice in words: bounds, what limits, what removing it buys.
-  subroutine advice_lines(d, m, advice)
-    type(deck), intent(in) :: d
+  !> The advice in words: bounds, what limits them, what allows larger steps.
+  subroutine advice_lines(m, advice)
     type(mechanism_model), intent(in) :: m
     type(stability_advice), intent(inout) :: advice
     integer :: k
@@ -126,7 +121,7 @@ contains
       call method_lines(advice, k)
       call advice%text%close()
     end do
-    if (advice%safe%step(1) < huge(1.0_wp)) call list_remedies(d, m, advice)
+    if (len(remedy(m, advice%safe%cause(1))) > 0) call advice%text%line('  larger steps by: '//remedy(m, advice%safe%cause(1)))
   end subroutine advice_lines
 
   !> Both bounds of one method and what limits it.
@@ -157,72 +152,16 @@ contains
     end associate
   end subroutine method_lines
 
-  !> Rebuilds the scene without what limits, and says the bound that remains.
-  subroutine list_remedies(d, m, advice)
-    type(deck), intent(in) :: d
+  !> What allows larger steps, by the cause of the bound; empty where no body is.
+  function remedy(m, cause) result(words)
     type(mechanism_model), intent(in) :: m
-    type(stability_advice), intent(inout) :: advice
-    integer :: k
-    associate (cause => advice%safe%cause(1))
-      if (cause%body == 0) return
-      call advice%text%open('remedies', '[')
-      if (cause%segment > 0) then
-        if (cause%material > 0) call try_remedy(d, m, without_ghm, advice)
-      else if (cause%rayleigh) then
-        call try_remedy(d, m, without_rayleigh, advice)
-      else
-        do k = 1, size(mode_changes)
-          call try_remedy(d, m, mode_changes(k), advice)
-        end do
-      end if
-      call advice%text%close()
-    end associate
-  end subroutine list_remedies
-
-  !> Adds a line with the bound that remains when what limits is changed: on one body, all that are made alike, and those that
-  !> limit as much; no line where that buys nothing.
-  subroutine try_remedy(d, m, change, advice)
-    type(deck), intent(in) :: d
-    type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: change              !! of deck_changes
-    type(stability_advice), intent(inout) :: advice
-    real(wp), parameter :: gain = 1.01_wp      ! of a change worth a line [-]
-    integer, parameter :: rounds = 6
-    type(deck) :: other
-    type(step_bound) :: bound
-    type(mechanism_model) :: without           ! what limits
-    type(evaluation) :: work
-    type(assembly_report) :: report
-    real(wp), allocatable :: q(:)
-    logical :: changed(size(d%bodies)), ok
-    integer :: b, c, k
-    other = d
-    changed = .false.
-    b = advice%safe%cause(1)%body
-    do k = 1, rounds
-      if (.not. can_change(d, b, change)) return
-      do c = 1, size(changed)
-        if (changed(c) .or. .not. (c == b .or. m%prototype(c) == m%prototype(b))) cycle
-        if (.not. can_change(d, c, change)) cycle
-        call change_body(other, c, change)
-        changed(c) = .true.
-      end do
-      call assemble_deck(other, without, work, q, report, ok)
-      if (.not. ok) return
-      call both_bounds(without, work, q, bound)
-      if (bound%step(1) > gain*advice%safe%step(1)) exit
-      b = bound%cause(1)%body
-      if (b == 0 .or. k == rounds) return
-      if (changed(b)) return
-    end do
-    call advice%text%open('', '{')
-    call advice%text%figure('    ', 'change', change_words(other, changed, change))
-    if (bound%step(1) >= huge(1.0_wp)) then
-      call advice%text%line(': no limit')
-    else
-      call advice%text%figure(': ', 'safe_bound', bound%step(1), 4)
-      call advice%text%line(' s (rk4), '//fixed_text(bound%step(1)/advice%safe%step(1), 2)//' times')
-    end if
-    call advice%text%close()
-  end subroutine try_remedy
+    type(bound_cause), intent(in) :: cause
+    character(:), allocatable :: words
+    words = ''
+    if (cause%body == 0) return
+    words = 'fewer elements, modes=, axial=.false. or flexible=.false.'
+    if (cause%rayleigh) words = 'less Rayleigh damping'
+    if (cause%segment > 0) words = 'viscoelastic=.false., slower terms'
+    words = words//' on body "'//trim(m%s%bodies(cause%body)%name)//'", or radau'
+  end function remedy
 end module step_advice

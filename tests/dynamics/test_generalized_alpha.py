@@ -13,7 +13,6 @@ from biela.compare import differences
 from biela.histories import read
 from conftest import REFERENCE, TIMEOUT, caught, program, wait_for
 from four_bars import row_of_four_bars
-from linearised import DECKS
 from scenes import LUMPS, MATERIALS, PUSHES, SPRINGS, beam, frame, rigid
 
 MIXED = (
@@ -116,13 +115,13 @@ def tangent():
     return measure
 
 
-@pytest.mark.parametrize("scene", ["mixed", "short_element", "vrl_ghm", "four_bar", "viscoelastic_joint", "spin_up", "andrews"])
+@pytest.mark.parametrize("scene", ["mixed", "vrl_ghm", "four_bar", "viscoelastic_joint", "spin_up", "andrews"])
 @pytest.mark.parametrize(("step", "seed"), [(1e-4, 3), (1e-3, 7), (1e-2, 11)])
 def test_the_tangent_is_the_derivative_of_the_residual(scene, step, seed, tangent, tmp_path):
     deck = REFERENCE / scene / "deck.nml"
-    if scene in ("mixed", "short_element"):
+    if scene == "mixed":
         deck = tmp_path / "deck.nml"
-        deck.write_text(MIXED if scene == "mixed" else DECKS[scene], encoding="utf-8")
+        deck.write_text(MIXED, encoding="utf-8")
     bodies, row, constraints = tangent(deck, step, 0.6, seed)
     assert bodies < 1e-7
     assert row < 1e-5
@@ -390,28 +389,12 @@ def test_guides_after_a_thousand_turns(run_deck):
 
 @pytest.mark.parametrize(("step", "grows"), [(0.1, False), (0.3, True)])
 def test_masses_that_cross_on_a_turning_line(step, grows, run_deck):
-    """Two undamped masses, one across the line of the other: what the step's map says of them is what they do."""
+    """Two undamped masses, one across the line of the other: a step that resolves their vibration keeps it, not a longer one."""
     run = run_deck(CROSSED + march(f"t_end=60 step={step} output_step={step}"))
     y = np.abs(run.history["y.d"])
     early, late = y[len(y) // 3 : len(y) // 2].max(), y[2 * len(y) // 3 : 5 * len(y) // 6].max()
-    assert ("small motions grow at" in run.stderr) == grows
-    told = run.figures["stable_steps"]["line_growth"]
-    assert np.log(late / early) / 20 == pytest.approx(told, rel=0.1) if grows else late < early and told == 0
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "told"),
-    [
-        ("0.,2.3", "0.,0.,0.1", "turns, at  1.2000E+01 rad/s: small motions"),
-        ("stiffness=200. free_length=.6", "stiffness=5. free_length=.6", "grow by themselves"),
-        ("name='f' type='prismatic' body_a='q'", "name='f' type='slider' body_a='q'", "swing by about 5.0E-01 rad"),
-        ("&sensor", "&joint name='r' type='slider' body_a='q' point_b=.616301,0. direction=1. /\n&sensor", "as a whole"),
-    ],
-)
-def test_words_on_turning_lines(old, new, told, run_deck):
-    """The rate that a drive reaches, what no step makes stable, a start far from the steady turn, a frame that moves on."""
-    free = "&spring name='t' type='torsional' body_a='q' body_b='p' stiffness=1. free_angle=.5 /\n"
-    assert told in run_deck(CROSSED.replace(old, new) + free + march("t_end=60 step=1. output_step=60"), "--check").stdout
+    assert (late > early) == grows
+    assert 'where the line of "f" turns that is not proven' in run.summary
 
 
 def test_a_step_that_fails_is_divided_and_the_summary_says_so(run_deck):

@@ -139,33 +139,6 @@ def test_the_worst_mixture_of_two_vibrations_lies_between_them(run_deck):
     assert safe_bound(run_deck, "".join(decks), "rk4") == pytest.approx(min(steps), rel=5e-3)
 
 
-HALVED = """&material name='m' density=1000.0 young=1.0e9 /
-&material name='n' density=2000.0 young=0.5e9 /
-&section name='s' area=1.0e-4 inertia=1.0e-9 /
-&body name='r' kind='rigid' mass=1.0 inertia=1.0 /
-&body name='b' kind='beam' length=1.0 elements={last} element_material={half}*'m',{half}*'n'
-  section='s' axial=.false. reference_node=1,{middle},1 reference_dof='u','v','v' /
-&lump body='b' node={middle} mass=0.3 /
-&lump body='b' node={end} mass=0.01 inertia=1.0e-6 /
-&joint name='j' type='revolute' body_a='r' body_b='b' node_b={end} point_a=1.0,0.0 /
-&spring name='k' type='torsional' body_a='b' node_a={middle} body_b='r' stiffness=1.0 damping=1.0e-4 /
-&spring name='l' type='linear' body_a='r' point_a=0.0,1.0 body_b='b' node_b={middle} stiffness=2.0e4 /
-&force name='f' type='force' body='b' node={end} fy=1.0 /
-&sensor name='p' quantity='position' body='b' node={end} /
-"""
-
-
-def test_the_advice_for_half_the_elements_is_the_bound_of_that_deck(run_deck):
-    """Materials, lumps, joints, springs, loads and reference conditions keep to their places on the beam."""
-    run = "&transient method='rk4' step=1.0e-6 t_end=1.0 /\n"
-    told = run_deck(HALVED.format(last=4, half=2, middle=3, end=5) + run, "--check").stdout
-    advised = float(re.search(r'with 2 elements on body "b":\s+(\S+) s', told)[1])
-    halved = safe_bound(run_deck, HALVED.format(last=2, half=1, middle=2, end=3), "rk4", name="halved")
-    assert advised == pytest.approx(halved, rel=2e-4)
-    unmoved = safe_bound(run_deck, HALVED.format(last=2, half=1, middle=3, end=3), "rk4", name="unmoved")
-    assert abs(unmoved / halved - 1) > 0.01, "the lump's place matters"
-
-
 WORDS = [
     ("axial=.false.", 'a bending mode of body "b"'),
     ("", 'an axial mode of body "b"'),
@@ -185,6 +158,7 @@ def test_what_limits_is_named(run_deck, more, words):
     )
     told = run_deck(deck + "&transient method='rk4' step=1.0e-6 t_end=1.0 /\n", "--check").stdout
     assert re.search(r"limited by (.*), \|eigenvalue\|", told)[1] == words
+    assert ("larger steps by" in told) == words.endswith('body "b"')
 
 
 LIKE = """&material name='m' density=1000.0 young=1.0e9 {material} /
@@ -200,20 +174,6 @@ def beams(lengths: list[float], material: str = "") -> str:
     return deck + "&transient method='rk4' step=1.0e-8 t_end=1.0 /\n"
 
 
-@pytest.mark.parametrize("lengths", [[1.0] * 4, [1.0, 1.001, 0.999, 1.0, 50.0]])
-def test_bodies_that_limit_alike_are_taken_together(run_deck, lengths):
-    """Beams of one length, or nearly: the advice names them all and what it buys, and no line that buys nothing."""
-    told = run_deck(beams(lengths), "--check").stdout
-    assert re.search(r"limited by an axial mode of body", told)
-    gains = [float(x) for x in re.findall(r"([\d.]+) times", told)]
-    assert len(gains) >= 3
-    assert min(gains) > 1.5
-    assert 'on bodies "b0", "b1", "b2" and 1 more' in told
-    alone = run_deck(beams(lengths[:1]), "--check", name="alone").stdout
-    one = [float(x) for x in re.findall(r"([\d.]+) times", alone)]
-    assert gains[0] == pytest.approx(one[0], rel=0.01)
-
-
 @pytest.mark.parametrize(("material", "words"), [
     ("rayleigh_stiffness=1.0e-3", "Rayleigh damping of an axial mode of body"),
     ("rayleigh_stiffness=1.0e-7", "an axial mode of body"),
@@ -221,8 +181,4 @@ def test_bodies_that_limit_alike_are_taken_together(run_deck, lengths):
 def test_damping_that_limits_is_named(run_deck, material, words):
     told = run_deck(beams([1.0, 1.0], material), "--check").stdout
     assert re.search(r"rk4: safe.*\n +limited by (.*?) \"", told)[1] == words
-    assert ("without the Rayleigh damping of bodies" in told) == words.startswith("Rayleigh")
-    if words.startswith("Rayleigh"):
-        undamped = safe_bound(run_deck, beams([1.0, 1.0]).split("&transient")[0], "rk4", name="undamped")
-        without = float(re.search(r"without the Rayleigh damping of bodies.*?: +(\S+) s", told)[1])
-        assert without == pytest.approx(undamped, rel=2e-4)
+    assert ("larger steps by: less Rayleigh damping on body" in told) == words.startswith("Rayleigh")
