@@ -3,9 +3,8 @@
 # Options (make TARGET NAME=value):
 #   FC=gfortran       Fortran compiler (gfortran 12 or newer)
 #   CC=$(FC)          C compiler of the system calls: gfortran is one, too
-#   FFLAGS=-O3        optimisation of what a step runs; floating-point arithmetic stays strict (never -ffast-math)
-#   ONCE=-O1          optimisation of what runs once a deck, where -O3 only takes longer to compile; empty: FFLAGS
-#   OUTER=-O0         optimisation of what reads decks and chooses analyses: mostly words and copies of large types; empty: ONCE
+#   FFLAGS=-O3        optimisation; floating-point arithmetic stays strict (never -ffast-math)
+#   ONCE=-O0          optimisation of what runs once a deck, where -O3 only takes longer to compile; empty: FFLAGS
 #   WERROR=-Werror    empty: warnings of another compiler version do not stop the build
 #   NATIVE=1          adds -march=native: faster, runs on this kind of processor only
 #   DEBUG=1           the checked build (build/debug, bin/*-debug) for any target: make test DEBUG=1
@@ -21,8 +20,7 @@
 FC      = gfortran
 CC      = $(FC)
 FFLAGS  = -O3
-ONCE    = -O1
-OUTER   = -O0
+ONCE    = -O0
 WERROR  = -Werror
 LDLIBS  = -llapack -lblas
 PYTHON  = python3
@@ -45,17 +43,11 @@ FLAGS_debug    = $(CHECKED)
 FLAGS_sanitize = -O1 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined
 FLAGS_coverage = -O0 -g --coverage
 FLAGS_once     = $(if $(filter release,$(BUILD)),$(ONCE))
-FLAGS_outer    = $(if $(filter release,$(BUILD)),$(ONCE) $(OUTER))
 FLAGS          = $(STANDARD) $(FLAGS_$(BUILD))
 
-# what runs once a deck, or once an output: its time is not felt ("what a step costs" of `make bench` is the judge)
-NOT_ONCE    = $(addprefix analysis/transient/mechanism_,rates events) system/linear/dynamic_stiffness
-ONCE_PARTS  = base/ deck/ build/ stability/ output/ analysis/ modes/ main. system/mechanism system/evaluation_results system/linear/ \
-  model/history/ model/body/body_modes model/body/body_setup model/body/body_operators model/body/modal_reduction \
-  closing/assembly closing/redundancy closing/elastic_closing algebra/block_lanczos integrate/implicit/radau_stepper
-# of these, what runs neither in a step nor for a row of the results
-NOT_OUTER   = $(addprefix analysis/transient/,mechanism_ step_monitor energy_balance column_ranges stored_pass error_groups)
-OUTER_PARTS = deck/ build/ analysis/
+# what runs once a deck: whole folders, but for analysis/transient, which runs in each step
+ONCE_FOLDERS = deck build analysis
+RUNS_ONCE    = $(filter-out $(B)/analysis/transient/%,$(filter $(ONCE_FOLDERS:%=$(B)/%/%),$(1)))
 
 SOURCES  := $(sort $(shell find src -name '*.f90'))
 SYSTEM   := $(patsubst src/%.c,$(B)/%.o,$(shell find src -name '*.c'))
@@ -68,9 +60,6 @@ KEYS     := $(if $(wildcard src/deck/keys.txt),$(addprefix $(B)/deck/,deck_keys.
 MADE     := $(COMPLEX) $(KEYS)
 MAIN     := $(B)/main.o
 OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o)) $(MADE:.f90=.o) $(SYSTEM)
-PICKED    = $(filter-out $(2:%=$(B)/%%),$(filter $(1:%=$(B)/%%),$(MAIN) $(OBJECTS)))
-ONCE_OBJECTS  := $(call PICKED,$(ONCE_PARTS),$(NOT_ONCE))
-OUTER_OBJECTS := $(call PICKED,$(OUTER_PARTS),$(NOT_OUTER))
 LIBRARY  := $(B)/libbiela.a
 BIELA    := bin/biela$(SUFFIX)
 PROBE    := $(patsubst tests/%.f90,bin/%$(SUFFIX),$(sort $(wildcard tests/*.f90)))
@@ -182,7 +171,7 @@ $(VENV): requirements.txt setup.sh | $(TOOLS)
 	@./setup.sh python && touch $@
 
 # --- what a change of compiler, options or of the list of sources makes out of date
-BUILT_BY = $(FC) $(FLAGS) $(FLAGS_once) $(FLAGS_outer) $(LDLIBS)
+BUILT_BY = $(FC) $(FLAGS) $(FLAGS_once) $(LDLIBS)
 $(B)/flags: FORCE
 	@mkdir -p $(@D); [ "$$(cat $@ 2>&1)" = '$(BUILT_BY)' ] || { echo '$(BUILT_BY)' > $@.new && mv $@.new $@; }
 $(B)/sources: FORCE
@@ -205,11 +194,10 @@ $(KEYS): $(B)/deck/%.f90: $(TABLE) src/deck/keys_fortran.awk
 # would not change as it is: what uses a module is compiled again where its interface has changed, not its inside
 $(B)/%.o: src/%.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(@D) $(B)/mod
-	$(FC) $(FLAGS) $(if $(filter $@,$(OUTER_OBJECTS)),$(FLAGS_outer),$(if $(filter $@,$(ONCE_OBJECTS)),$(FLAGS_once))) \
-	  -J$(B)/mod -c $< -o $@.new && mv $@.new $@
+	$(FC) $(FLAGS) $(if $(call RUNS_ONCE,$@),$(FLAGS_once)) -J$(B)/mod -c $< -o $@.new && mv $@.new $@
 $(MADE:.f90=.o): %.o: %.f90 $(B)/flags | $(TOOLS)
 	@mkdir -p $(B)/mod
-	$(FC) $(FLAGS) $(if $(filter $@,$(OUTER_OBJECTS)),$(FLAGS_outer)) -J$(B)/mod -c $< -o $@.new && mv $@.new $@
+	$(FC) $(FLAGS) $(if $(call RUNS_ONCE,$@),$(FLAGS_once)) -J$(B)/mod -c $< -o $@.new && mv $@.new $@
 $(B)/%.o: src/%.c $(B)/flags | $(TOOLS)
 	@mkdir -p $(@D)
 	$(CC) -std=c11 -Wall -Wextra $(WERROR) $(or $(filter -O% -g -fsanitize%,$(FLAGS_$(BUILD))),-O2) -c $< -o $@.new && mv $@.new $@

@@ -12,8 +12,9 @@ module decimal
   integer, parameter :: wide = selected_int_kind(38)         !! integers of 128 bits
   integer, parameter :: first = -325, last = 341             !! powers of ten that doubles need
   integer(int64), parameter :: ten16 = 10_int64**16, ten17 = 10_int64**17
-  integer :: i, j                                            ! of the two digits in each of these
-  character(2), parameter :: pairs(0:99) = [((achar(iachar('0') + i)//achar(iachar('0') + j), j=0, 9), i=0, 9)]
+  integer :: i                                               ! counts places
+  integer(int64), parameter :: nibbles = sum([(15*2_int64**i, i=0, 48, 16)])   ! 15 in every second byte
+  integer(int64), parameter :: zeros = sum([(iachar('0')*2_int64**i, i=0, 56, 8)])   ! the characters 00000000
 
   !> Powers of ten: 10^p = (high 2^63 + low) 2^shift, good to 105 bits, with 2^62 <= high < 2^63; and as doubles.
   !> Filled at the first use, constant from then on.
@@ -22,6 +23,7 @@ module decimal
     integer(int64) :: high(first:last) = 0, low(first:last) = 0
     integer :: shift(first:last) = 0
     real(wp) :: value(first:309) = 0.0_wp                    !! 10^p rounded down, huge where it overflows [-]
+    character(5) :: exponent(first:last) = ''                !! p as it is written
   end type power_table
   type(power_table) :: table
 
@@ -100,15 +102,17 @@ contains
     integer, intent(in) :: q, p
     integer(int64), intent(out) :: digits, rest
     logical, intent(out) :: known
-    integer(wide), parameter :: doubt = 2_wide**21           ! 105 of 126 bits are good
-    integer(wide) :: top, fraction
+    integer(int64), parameter :: doubt = 2_int64**17         ! 105 of 126 bits are good
+    integer(int64) :: upper, lower                           ! halves of 63 bits: 64-bit operations cost less
+    integer(wide) :: top
     integer :: k
     top = int(m, wide)*int(table%high(p), wide) + shiftr(int(m, wide)*int(table%low(p), wide), 63)
-    k = -(q + table%shift(p) + 63)                           ! x 10^p = top 2^-k, top off by less than doubt
-    digits = int(shiftr(top, k), int64)
-    fraction = top - shiftl(int(digits, wide), k) - shiftl(1_wide, k - 1)
-    known = abs(fraction) > doubt
-    rest = merge(1_int64, -1_int64, fraction > 0)
+    k = -(q + table%shift(p) + 126)                          ! x 10^p = top 2^-(k+63), k from 5 to 13
+    upper = int(shiftr(top, 63), int64)
+    lower = int(iand(top, int(huge(1_int64), wide)), int64)
+    digits = shiftr(upper, k)
+    rest = ior(shiftl(upper - shiftl(digits, k), 63 - k), shiftr(lower, k)) - 2_int64**62   ! (fraction - 1/2) 2^63
+    known = abs(rest) > doubt
   end subroutine scale_up
 
   !> Lays out the digits: d.ddddddddddddddddE+eee.
@@ -116,22 +120,30 @@ contains
     integer(int64), intent(in) :: digits
     integer, intent(in) :: e
     character(number_width), intent(out) :: text
-    integer :: left, right, k                                ! of 9 and 8 digits: 64-bit divisions would cost more
+    integer :: left, right                                   ! of 9 and 8 digits
     left = int(digits/10_int64**8)
     right = int(digits - left*10_int64**8)
-    do k = 11, 5, -2
-      text(k:k + 1) = pairs(mod(left, 100))
-      text(k + 8:k + 9) = pairs(mod(right, 100))
-      left = left/100
-      right = right/100
-    end do
     text(1:2) = '  '
-    text(3:3) = achar(iachar('0') + left)
+    text(3:3) = achar(iachar('0') + left/10**8)
     text(4:4) = '.'
-    text(21:22) = merge('E-', 'E+', e < 0)
-    text(23:23) = achar(iachar('0') + abs(e)/100)
-    text(24:25) = pairs(mod(abs(e), 100))
+    text(5:12) = eight_digits(mod(left, 10**8))
+    text(13:20) = eight_digits(right)
+    text(21:25) = table%exponent(e)
   end subroutine put_digits
+
+  !> A number of at most eight digits. Its halves, their halves and the digits stand side by side in one integer, first ones lowest;
+  !> products with 10486 2^-20, 103 2^-10 are quotients by 100, 10. Bytes are kept from the lowest on.
+  pure function eight_digits(n) result(text)
+    integer, intent(in) :: n
+    character(8) :: text
+    integer(int64) :: x, tens                                ! each part's quotient stays below the next part
+    x = n/10000 + shiftl(int(mod(n, 10000), int64), 32)
+    tens = iand(shiftr(10486*x, 20), 127 + shiftl(127_int64, 32))
+    x = tens + shiftl(x - 100*tens, 16)
+    tens = iand(shiftr(103*x, 10), nibbles)
+    x = tens + shiftl(x - 10*tens, 8)
+    text = transfer(x + zeros, text)
+  end function eight_digits
 
   !> Powers of ten by products with 10 = 1.25 2^3 and 1/10 = 0.8 2^-3, each wrong by two of the last bits at most.
   subroutine fill_table()
@@ -170,8 +182,11 @@ contains
   subroutine store_power(p, bits, shift)
     integer, intent(in) :: p, shift
     integer(wide), intent(in) :: bits
+    character(8) :: number
+    number = eight_digits(abs(p))
     table%high(p) = int(shiftr(bits, 63), int64)
     table%low(p) = int(iand(bits, int(huge(1_int64), wide)), int64)
     table%shift(p) = shift
+    table%exponent(p) = merge('E-', 'E+', p < 0)//number(6:)
   end subroutine store_power
 end module decimal

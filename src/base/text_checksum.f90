@@ -26,13 +26,19 @@ contains
   pure subroutine add(self, piece)
     class(running_checksum), intent(inout) :: self
     character(*), intent(in) :: piece
-    character(:), allocatable :: text
-    integer :: whole
-    text = self%rest(1:mod(self%length, int(letters, ip)))//piece
-    whole = len(text)/letters
-    call add_words(whole, text, self%sums)
-    self%rest = text(whole*letters + 1:)
+    integer :: waiting, taken, whole             ! letters of the rest, of the piece that fill it, words
+    waiting = int(mod(self%length, int(letters, ip)))
     self%length = self%length + len(piece)
+    taken = 0
+    if (waiting > 0) then
+      taken = min(letters - waiting, len(piece))
+      self%rest(waiting + 1:waiting + taken) = piece(1:taken)
+      if (waiting + taken < letters) return
+      call add_words(1, self%rest, self%sums)
+    end if
+    whole = (len(piece) - taken)/letters
+    call add_words(whole, piece(taken + 1:), self%sums)
+    self%rest = piece(taken + whole*letters + 1:)
   end subroutine add
 
   !> Adds whole words to the sums.
@@ -41,20 +47,19 @@ contains
     character(letters), intent(in) :: text(n)    !! as words
     integer(ip), intent(inout) :: sums(2)
     integer(ip) :: a, b, word
-    integer :: k
-    a = sums(1)
-    b = sums(2)
-    do k = 1, n
-      word = transfer(text(k), word)
-      a = a + iand(word, low)
-      b = b + a
-      a = a + shiftr(word, 32)
-      b = b + a
-      if (mod(k, block) /= 0) cycle
-      a = mod(a, low)
-      b = mod(b, low)
+    integer :: first, k
+    do first = 1, n, block
+      a = sums(1)
+      b = sums(2)
+      do k = first, min(first + block - 1, n)
+        word = transfer(text(k), word)
+        a = a + iand(word, low)
+        b = b + a
+        a = a + shiftr(word, 32)
+        b = b + a
+      end do
+      sums = mod([a, b], low)
     end do
-    sums = mod([a, b], low)
   end subroutine add_words
 
   !> A number that tells the text from another one.

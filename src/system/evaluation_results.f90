@@ -244,7 +244,7 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(out) :: power(:)           !! (quadratures) [W]
     integer :: k, n
-    power(1) = ev%dissipated_power + sum(ev%loss)
+    power(1) = ev%dissipated_power
     power(2) = ev%input_power
     if (size(power) == 2) return     ! nothing is kept by cause: every evaluation comes here
     do k = 1, size(m%s%switching)
@@ -257,7 +257,10 @@ contains
       power(1) = power(1) + power(n + k)
     end do
     n = 2 + m%s%elements
-    power(n + 1:n + m%s%term_losses) = ev%loss
+    do k = 1, m%s%term_losses
+      power(1) = power(1) + ev%loss(k)
+      power(n + k) = ev%loss(k)
+    end do
     do k = m%s%term_losses + 1, size(m%s%losses)
       power(n + k) = ev%action(m%s%losses(k)%spring)%dissipated
     end do

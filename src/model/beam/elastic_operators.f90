@@ -115,8 +115,8 @@ contains
   !> x^T A y, A given by its entries on a pattern; allocates nothing.
   pure real(wp) function bilinear(pattern, a, x, y) result(total)   ! [any]
     type(symmetric_pattern), intent(in) :: pattern
-    real(wp), intent(in) :: a(:)                   !! (entries) [any]
-    real(wp), intent(in) :: x(:), y(:)             !! (n) [any]
+    real(wp), intent(in), contiguous :: a(:)       !! (entries) [any]
+    real(wp), intent(in), contiguous :: x(:), y(:) !! (n) [any]
     real(wp) :: s
     integer :: i, k
     total = 0.0_wp

@@ -66,7 +66,6 @@ contains
     type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
     associate (i => self%first)
-      call r%empty(i)
       r%sa(i) = self%size
       r%sb(i) = -self%size*self%ratio
       r%sc(i) = self%size*(self%ratio - 1.0_wp)

@@ -9,7 +9,7 @@ module constraint
   implicit none (type, external)
   private
 
-  !> Rows of all constraints, as arrays.
+  !> Rows of all constraints, as arrays: zero but for what a constraint sets.
   type, public :: constraint_rows
     real(wp), allocatable :: na(:, :)     !! (2, n) gradient with respect to the position of marker a [-]
     real(wp), allocatable :: sa(:)        !! (n) with respect to the section angle of marker a [m]
@@ -24,8 +24,6 @@ module constraint
     real(wp), allocatable :: acceleration(:)   !! (n) second derivatives, zero but for rounding of rows that hold; likewise [m/s2]
     real(wp) :: largest = 0.0_wp          !! of accelerations without multipliers, of frames and of rows [m/s2]
     real(wp) :: strongest = 0.0_wp        !! of the multipliers [N]
-  contains
-    procedure :: empty
   end type constraint_rows
 
   !> State and motion of a row that switches, whether it holds or not.
@@ -105,19 +103,6 @@ module constraint
   end interface
 
 contains
-
-  !> A row that holds nothing.
-  pure subroutine empty(self, i)
-    class(constraint_rows), intent(inout) :: self
-    integer, intent(in) :: i                      !! row
-    self%na(:, i) = 0.0_wp
-    self%sa(i) = 0.0_wp
-    self%nb(:, i) = 0.0_wp
-    self%sb(i) = 0.0_wp
-    self%phi(i) = 0.0_wp
-    self%phi_t(i) = 0.0_wp
-    self%acceleration_bias(i) = 0.0_wp
-  end subroutine empty
 
   !> Second derivatives of lambda.Phi with respect to the states of both markers: zero, since most rows are linear in them.
   pure subroutine no_geometric(self, p, lambda, k)
@@ -230,7 +215,6 @@ contains
     real(wp), intent(in) :: angle                 !! relative angle [rad]
     type(marker_states), intent(in) :: p
     type(constraint_rows), intent(inout) :: r
-    call r%empty(i)
     r%sa(i) = self%size
     r%sb(i) = -self%size
     r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - angle)

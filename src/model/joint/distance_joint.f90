@@ -35,7 +35,6 @@ contains
     dd = p%v(:, self%ia) - p%v(:, self%ib)
     l = max(sqrt(d(1)**2 + d(2)**2), tiny(1.0_wp))
     e = d/l
-    call r%empty(i)
     r%na(:, i) = e
     r%nb(:, i) = -e
     r%phi(i) = l - self%length

@@ -25,11 +25,7 @@ contains
     ev%rows%left_limit = options%left_limit
     do k = 1, size(self%s%constraints)
       associate (c => self%s%constraints(k)%item)
-        if (c%pending) then
-          call ev%rows%empty(c%first)
-        else
-          call c%evaluate(t, ev%p, ev%rows)
-        end if
+        if (.not. c%pending) call c%evaluate(t, ev%p, ev%rows)
       end associate
     end do
     if (allocated(ev%rows%off)) call switch_rows(self, ev)

@@ -35,6 +35,8 @@ module multipliers
     procedure :: factor_strong
     procedure :: factor_weak
     procedure :: note_ill_conditioned
+    procedure :: put
+    procedure :: get
     procedure :: solve
     procedure :: solve_beside
     procedure :: mean_shift
@@ -162,22 +164,46 @@ contains
     f(ns + 1:) = 0.0_wp
   end subroutine take_matrix
 
+  !> Puts the right-hand side b, or b - S f, in the order of the factor.
+  subroutine put(self, b, f)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(in), contiguous :: b(:)  !! (rows) [m/s2]
+    real(wp), intent(in), optional :: f(:)    !! (rows) of those that are off [N]
+    integer :: k
+    do k = 1, self%n
+      self%x(k) = b(self%row(k))*self%scale(self%row(k))
+    end do
+    if (.not. present(f)) return
+    self%r = f/self%scale
+    call self%subtract_couplings()
+  end subroutine put
+
+  !> The solution, in the rows' own order.
+  subroutine get(self, x)
+    class(multiplier_system), intent(in) :: self
+    real(wp), intent(inout), contiguous :: x(:)   !! (rows) [N]
+    integer :: k
+    do k = 1, self%n
+      x(self%row(k)) = self%x(k)*self%scale(self%row(k))
+    end do
+  end subroutine get
+
   !> Solves S lambda = r in place (minimum norm where S is singular).
   subroutine solve(self, lambda)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(inout) :: lambda(:)      !! (n) right-hand side [m/s2], then multipliers [N], in the rows' own order
+    real(wp), intent(inout), contiguous :: lambda(:)   !! (n) right-hand side [m/s2], then multipliers [N], in the rows' own order
     if (self%n == 0) return
-    call self%put(lambda)
+    call put(self, lambda)
     call substitute_placed(self, lambda)
   end subroutine solve
 
   !> Multipliers x of the rows that hold, beside given ones of rows that are off: S x = b - S f.
   subroutine solve_beside(self, b, f, x)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(in) :: b(:)              !! (rows) [m/s2]
+    real(wp), intent(in), contiguous :: b(:)  !! (rows) [m/s2]
     real(wp), intent(in) :: f(:)              !! (rows) zero where rows hold [N]
-    real(wp), intent(inout) :: x(:)           !! (rows) [N]
-    call self%put(b, f)
+    real(wp), intent(inout), contiguous :: x(:)   !! (rows) [N]
+    call put(self, b, f)
     call substitute_placed(self, x)
   end subroutine solve_beside
 
@@ -197,14 +223,14 @@ contains
   !> x by the last factor, from the right-hand side in the order of the factor.
   subroutine substitute_placed(self, x)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(inout) :: x(:)           !! (rows) [N]
+    real(wp), intent(inout), contiguous :: x(:)   !! (rows) [N]
     if (self%singular) then
       call correct(self)
     else
       call substitute(self%n, self%kd, self%f, self%x)
     end if
     if (self%n < size(x)) x = 0.0_wp
-    call self%get(x)
+    call get(self, x)
   end subroutine substitute_placed
 
   !> The minimum-norm multipliers that exert the same forces as the given ones, by the last factor: redundant rows share.

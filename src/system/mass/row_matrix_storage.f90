@@ -43,14 +43,13 @@ module row_matrix_storage
   contains
     procedure :: set_up
     procedure :: clear
-    procedure :: put
-    procedure :: get
     procedure :: hold
     procedure :: soften
     procedure :: uncouple
     procedure :: diagonal
     procedure :: column
     procedure :: motion_off
+    procedure :: subtract_couplings
   end type row_matrix
 
 contains
@@ -249,28 +248,4 @@ contains
       x(place(k)) = x(place(k)) - s(k)*r(off(k))
     end do
   end subroutine subtract_entries
-
-  !> Puts the right-hand side b, or b - S f, in the order of the factor.
-  subroutine put(self, b, f)
-    class(row_matrix), intent(inout) :: self
-    real(wp), intent(in) :: b(:)              !! (rows) [m/s2]
-    real(wp), intent(in), optional :: f(:)    !! (rows) of those that are off [N]
-    integer :: k
-    do k = 1, self%n
-      self%x(k) = b(self%row(k))*self%scale(self%row(k))
-    end do
-    if (.not. present(f)) return
-    self%r = f/self%scale
-    call subtract_couplings(self)
-  end subroutine put
-
-  !> The solution, in the rows' own order.
-  subroutine get(self, x)
-    class(row_matrix), intent(inout) :: self
-    real(wp), intent(inout) :: x(:)           !! (rows) [N]
-    integer :: k
-    do k = 1, self%n
-      x(self%row(k)) = self%x(k)*self%scale(self%row(k))
-    end do
-  end subroutine get
 end module row_matrix_storage
