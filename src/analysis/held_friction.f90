@@ -15,9 +15,7 @@ contains
   subroutine set_friction(run, word)
     type(run_state), intent(inout) :: run
     character(*), intent(in) :: word               !! of the deck: 'held', 'free'
-    call run%sys%free_friction()
-    call run%sys%hold_stops(run%y)
-    if (word == 'held') call run%sys%hold_friction(run%y)
+    call run%sys%hold_rows(run%y, word /= 'held')
   end subroutine set_friction
 
   !> Says which joints are held, which slide, and which rigid stops are closed.

@@ -68,7 +68,7 @@ contains
     do k = 1, size(s%forces)
       if (.not. is_rigid(s%forces(k)%item)) cycle
       n = n + 1
-      allocate (all(n)%item, source=stop_row_model(rows=1, parent=s%permanent + k, name=s%forces(k)%item%name, &
+      allocate (all(n)%item, source=stop_row_model(rows=1, one_sided=.true., parent=s%permanent + k, name=s%forces(k)%item%name, &
                                                    switch_number=s%forces(k)%item%switch_number))
     end do
     call move_alloc(all, s%constraints)

@@ -50,7 +50,7 @@ contains
     call free_accelerations(size(ev%frame%cos), ev%frame%rhs, ev%frame%l, ev%frame%dinv, ev%frame%free)
     call constraint_values(self, ev, options, t)
     call condense_constraints(self, ev, .false.)
-    if (ev%creep > 0.0_wp) call ev%schur%soften(ev%creep, self%s%friction%row)
+    if (ev%creep > 0.0_wp) call ev%schur%soften(ev%creep, self%s%permanent_rows + 1)
     call factor_joints(self, ev, options%accept_weak_pivots)
     call multiplier_forces(self, ev, options%baumgarte)
     call accelerations(self, ev, ev%lambda, .true., ev%a)

@@ -10,7 +10,7 @@ module evaluation_results
   use marker, only: marker_states
   use mechanism, only: mechanism_model
   use multipliers, only: multiplier_system
-  use root_watch, only: root_rounding
+  use root_watch, only: resting, root_rounding
   use scene_model, only: power_source
   implicit none (type, external)
   private
@@ -195,8 +195,8 @@ contains
       associate (i => c%first, a => c%ia, b => c%ib)
         term = [r%na(:, i)*ev%p%v(:, a), r%nb(:, i)*ev%p%v(:, b), r%sa(i)*ev%p%rate(a), r%sb(i)*ev%p%rate(b)]
         x = row_motion(ev%switches%state(c%switch_number), ev%switches%memory(c%switch_number), sum(term), &
-                       r%acceleration(i), sum(abs(term)), ev%schur%diagonal(i))
-        x%noise = root_rounding*(r%largest + x%compliance*r%strongest)
+                       r%acceleration(i), resting*m%s%size + root_rounding*sum(abs(term)), ev%schur%diagonal(i))
+        x%noise = root_rounding*r%largest + merge(resting, root_rounding, ev%schur%singular)*x%compliance*r%strongest
       end associate
     end associate
   end function motion_of_row

@@ -7,6 +7,7 @@ module switching
   use marker_motion, only: marker_kinematics
   use mechanism, only: mechanism_model
   use root_watch, only: most_roots, watched_roots
+  use stops, only: stop_rebound
   implicit none (type, external)
   private
   public :: start_states, watch_roots, watch_rows, pass_events, exchange_states, element_name, is_rigid_stop, state_word
@@ -26,6 +27,7 @@ module switching
   contains
     procedure :: add
     procedure :: remove
+    procedure :: rebound_of
     procedure :: exchange
   end type event_list
 
@@ -90,18 +92,18 @@ contains
     type(event_list), intent(inout) :: list
     logical, intent(out) :: ok
     real(wp), dimension(size(fallen)) :: g, rate, zero   ! [any], [any/s], [any]
-    logical :: down(size(fallen))
+    logical, dimension(size(fallen)) :: down, rigid   ! the latter: `impacts` passes them
     integer :: pass, i, k
-    down = fallen
+    rigid = [(is_rigid_stop(m, 1 + i/most_roots), i=0, size(fallen) - 1)]
+    down = fallen .and. .not. rigid
     call marker_kinematics(m, ev, q, v)
     do pass = 1, 4*size(m%s%switching)
       do i = 1, size(m%s%switching)
         k = findloc(down(most_roots*(i - 1) + 1:most_roots*i), .true., 1)
-        if (is_rigid_stop(m, i)) cycle
         if (k > 0) call switch_one(m, ev, t, i, k, list)
       end do
       call watch_roots(m, ev, g, rate, zero)
-      down = g < -zero .and. rate < 0.0_wp
+      down = g < -zero .and. rate < 0.0_wp .and. .not. rigid
       ok = .not. any(down)
       if (ok) return
     end do
@@ -172,6 +174,19 @@ contains
     self%items(k:self%count - 1) = self%items(k + 1:self%count)
     self%count = self%count - 1
   end subroutine remove
+
+  !> The event of this time by which an element is left open after an impact; 0: none.
+  pure integer function rebound_of(self, element, t) result(k)
+    class(event_list), intent(in) :: self
+    integer, intent(in) :: element            !! its number among those that switch
+    real(wp), intent(in) :: t                 !! [s]
+    do k = 1, self%count
+      associate (x => self%items(k))
+        if (x%element == element .and. abs(x%to) == stop_rebound .and. abs(x%t - t) <= 0.0_wp) return
+      end associate
+    end do
+    k = 0
+  end function rebound_of
 
   !> Saves or restores the list.
   subroutine exchange(self, a)

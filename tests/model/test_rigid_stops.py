@@ -322,13 +322,43 @@ def test_friction_and_rigid_stops_together(run_deck):
     runs = [run_deck(deck.replace("METHOD", f"'{method}' tolerance=1e-10"), name=method) for method in ("dopri5", "radau")]
     first, second = (events_of(run) for run in runs)
     assert [words[1:4] for words in first] == [words[1:4] for words in second]
-    assert len(first) == 43
+    assert len(first) == 44
     assert np.abs(np.array([words[0] for words in first]) - [words[0] for words in second]).max() < 1e-9
     assert min(words[4] for words in first if "rebound" in words[3]) > 1e-9
-    closed, opened = (next(words[0] for words in first if words[2:4] == pair) for pair in (("open", "lower"), ("lower", "open")))
+    pairs = (("open", "lower"), ("lower", "lower_idle"))
+    closed, opened = (next(words[0] for words in first if words[2:4] == pair) for pair in pairs)
     for run in runs:
         assert run.transient["energy_balance"] < 1e-8
         assert run.transient["friction"][0]["undetermined"] == pytest.approx(opened - closed, abs=1e-5)  # closing is dated later
+
+
+GEARED = """&body name='a' mass=1.0 inertia=0.05 /
+&body name='b' mass=1.0 inertia=0.02 position=0.3,0.0 /
+&joint name='ja' type='revolute' body_a='a' /
+&joint name='jb' type='revolute' body_a='b' point_b=0.3,0.0 friction=0.0 pin_radius=0.02 preload=0.05 /
+&joint name='g' type='gear' body_a='b' body_b='a' ratio=-1.7 /
+&stop name='s' type='rotation' body_a='a' upper=1.3 restitution=0.0 /
+&history name='h' kind='sine' amplitude=6.0 frequency=0.9 phase=0.5 /
+&force name='m' type='torque' body='a' moment=1.0 history='h' /
+&sensor name='a' quantity='angle' body='a' /
+&transient t_end=0.6 output_step=0.01 method=METHOD /
+"""
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_stop_and_friction_behind_a_gear_hold_one_freedom(method, run_deck):
+    """The moment 6 sin(p) falls to what friction holds, 1.7 0.05 N m, and the stop is relieved; at its negative the arm leaves."""
+    run = run_deck(GEARED.replace("METHOD", method))
+    hit, *_, left = events_of(run)
+    assert hit[1:4] == ("s", "open", "upper")
+    moments = {words[1:4]: words[0] for words in events_of(run)[1:]}
+    assert moments["jb", "backward", "carried"] == hit[0]  # at rest with the arm, at its limit
+    held = np.arcsin(0.085 / 6)
+    for words, phase in (("s", "upper", "upper_idle"), np.pi - held), (("s", "upper_idle", "open"), np.pi + held):
+        assert moments[words] == pytest.approx((phase - 0.5) / (2 * np.pi * 0.9), abs=1e-12)
+    assert left[0] == moments["s", "upper_idle", "open"]
+    assert left[1:4] == ("jb", "stuck", "forward")
+    assert run.history["a"][-1] < 1.3
 
 
 def test_an_impact_moves_a_body_that_friction_holds(run_deck):

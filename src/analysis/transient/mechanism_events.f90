@@ -7,21 +7,22 @@ module mechanism_events
   use dynamics, only: evaluate, marker_kinematics, motion_state
   use evaluation_results, only: conditions_of, evaluation
   use force_element, only: by_position, idle, most_roots
-  use friction_law, only: row_carried, row_stuck
+  use friction_law, only: row_carried, row_slips, row_stuck
   use friction_shares, only: find_undetermined
-  use friction_states, only: comes_to_rest, hold_resting, settle_friction
   use friction_tally, only: exchange_friction, joint_tally
   use impacts, only: impact_result, pass_impacts
   use mechanism_rates, only: moving_mechanism
   use projection, only: project
+  use resting_rows, only: close_low, comes_to_rest, hold_resting, resting_set, settle_rows
   use slipping, only: keep_multipliers, pressing
-  use stops, only: stop_model
+  use stops, only: stop_model, stop_rebound
   use switch_tally, only: element_tally, exchange_tallies
   use switching, only: event_list, exchange_states, is_rigid_stop, pass_events, start_states, switch_event, watch_roots, watch_rows
   implicit none (type, external)
   private
 
   real(wp), parameter :: difference_time = 1.0e-6_wp   !! between evaluations of a difference quotient, of an output step [-]
+  real(wp), parameter :: least_rebound = 1.0e-11_wp    !! next height below which a stop closes, of the scene's size [-]
   real(wp), parameter :: least_change = 1.0e3_wp   !! a smaller change is rounding; of the values that count as zero [-]
   integer, parameter :: checked_per_step = 4  !! joints whose Painleve's ratio is found in an accepted step
 
@@ -40,9 +41,7 @@ module mechanism_events
   contains
     procedure :: start_switching
     procedure :: position_of
-    procedure :: hold_friction
-    procedure :: hold_stops
-    procedure :: free_friction
+    procedure :: hold_rows
     procedure :: find_roots
     procedure :: resolve_events
     procedure :: note_step
@@ -58,6 +57,7 @@ contains
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    logical :: ok
     integer :: k
     self%ev%t = t
     self%ev%options = self%options
@@ -70,14 +70,10 @@ contains
     allocate (self%friction(self%m%s%elements - size(self%tally)))
     if (self%m%s%stops > 0) call begin_contacts(self, t, y, [(k, k=1, self%m%s%stops)], &
                                                 self%ev%switches%state(:self%m%s%stops) /= 0)
-    call meet_rigid_stops(self, t, y, spread(.false., 1, self%roots))
-    call count_events(self, t, 1)
-    call self%hold_friction(y)
-    call limit_steps_at_rest(self)
     do k = 1, size(self%friction)
       self%friction(k)%position = self%position_of(k)
     end do
-    call find_undetermined(self%m, self%ev, self%friction%undetermined)
+    if (self%m%s%elements > 0) call settle_events(self, t, y, spread(.false., 1, self%roots), self%ev%switches%state, ok)
   end subroutine start_switching
 
   !> Position of joint k of those with friction in the last evaluation [m] or [rad].
@@ -89,42 +85,32 @@ contains
     end associate
   end function position_of
 
-  !> Rigid stops that are touched and pressed at a state at rest at t = 0 are closed, others open.
-  subroutine hold_stops(self, y)
+  !> For linear analyses about a state at t = 0: rigid stops that are touched and pressed are closed, joints with friction stick or
+  !> slip, or move freely.
+  subroutine hold_rows(self, y, free)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    type(motion_state) :: at
+    logical, intent(in) :: free             !! joints move freely
     type(event_list) :: unheard
     type(impact_result) :: x
+    type(motion_state) :: at
+    type(resting_set) :: set
+    logical :: none(most_roots*self%m%s%elements), no_row(size(self%m%s%constraints) - self%m%s%permanent), ok, more
     integer :: k
-    if (self%m%s%stop_rows == 0) return
+    if (self%m%s%stop_rows + size(self%m%s%friction) == 0) return
+    none = .false.
+    self%ev%switches%state(size(self%m%s%switching) + 1:) = by_position
     do k = 1, self%m%s%stops
       if (is_rigid_stop(self%m, k)) self%ev%switches%state(k) = idle
     end do
     at = self%motion_at(0.0_wp, y)
-    call pass_impacts(self%m, self%ev, at, spread(.false., 1, most_roots*self%m%s%elements), unheard, x)
-  end subroutine hold_stops
-
-  !> Joints with friction stick or slip as they do at t = 0.
-  subroutine hold_friction(self, y)
-    class(switching_mechanism), intent(inout) :: self
-    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    logical :: none(most_roots*size(self%m%s%friction)), ok
-    logical, dimension(size(self%m%s%friction)) :: rests, breaks   ! (rows that switch)
-    if (size(self%m%s%friction) == 0) return
-    none = .false.
-    call self%free_friction()
-    call hold_resting(self%m, self%ev, self%motion_at(0.0_wp, y), none, rests, breaks)
-    call settle_friction(self%m, self%ev, self%motion_at(0.0_wp, y), none, rests, breaks, ok)
-    self%pressing = spread(0.0_wp, 1, size(self%m%s%friction))
-    call check_friction(self, ok)
-  end subroutine hold_friction
-
-  !> Friction acts no longer.
-  subroutine free_friction(self)
-    class(switching_mechanism), intent(inout) :: self
-    self%ev%switches%state(size(self%m%s%switching) + 1:) = by_position
-  end subroutine free_friction
+    call pass_impacts(self%m, self%ev, at, none, unheard, x)
+    no_row = spread(.false., 1, size(x%side))
+    set = resting_set(x%side, no_row, no_row, no_row, free)
+    call hold_resting(self%m, self%ev, at, none, set, more)
+    call settle_rows(self%m, self%ev, at, none, set, ok, k)
+    if (size(self%m%s%friction) > 0 .and. .not. free) call check_friction(self, ok)
+  end subroutine hold_rows
 
   !> Roots of the elements that switch, then of controllers.
   subroutine find_roots(self, t, y, left_limit, g, rate, zero)
@@ -198,7 +184,7 @@ contains
     end do
   end function holds_stops
 
-  !> Events change states, rigid stops change velocities. Joints that begin to stick lose their rate. Samples change outputs of
+  !> Events change states, rigid stops change velocities. Rows that begin to hold lose their rate. Samples change outputs of
   !> controllers.
   subroutine resolve_events(self, t, y, fallen, ok)
     class(switching_mechanism), intent(inout) :: self
@@ -213,107 +199,167 @@ contains
     self%unchanged = .false.
     before = self%ev%switches%state
     memory = self%ev%switches%memory
-    n = self%roots - 2*size(self%m%s%controllers)
+    n = most_roots*self%m%s%elements
     associate (nq => self%m%s%nq, nz => self%m%s%nz)
       call pass_control_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), fallen(n + 1:))
-      if (n == 0) return
-      n = self%events%count
-      call meet_rigid_stops(self, t, y, fallen)
-      if (size(self%tally) > 0) call pass_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), &
-                                                 fallen(:most_roots*size(self%tally)), self%events, ok)
     end associate
-    ok = ok .and. self%conflict == 0
-    call count_events(self, t, n + 1)
-    call self%choose_rows()
-    call begin_contacts(self, t, y, self%events%items(n + 1:self%events%count)%element, &
-                        self%events%items(n + 1:self%events%count)%from == 0)
-    if (ok .and. size(self%m%s%friction) > 0) call resolve_friction(self, t, y, fallen, before, ok)
-    call limit_steps_at_rest(self)
+    if (n == 0) return
+    n = self%events%count
+    call settle_events(self, t, y, fallen, before, ok)
     self%unchanged = self%events%count == n .and. all(self%ev%switches%state == before) .and. &
                      .not. any(abs(self%ev%switches%memory - memory) > 0.0_wp) .and. &
                      .not. any(fallen(most_roots*self%m%s%elements + 1:))
   end subroutine resolve_events
 
-  !> Counts the events of force elements since one of the list.
-  subroutine count_events(self, t, first)
-    class(switching_mechanism), intent(inout) :: self
-    real(wp), intent(in) :: t               !! [s]
-    integer, intent(in) :: first            !! its number
-    integer :: k
-    do k = first, self%events%count
-      associate (event => self%events%items(k))
-        call self%tally(event%element)%note_event(t, event%from, event%to)
-      end associate
-    end do
-  end subroutine count_events
-
-  !> Passes the rigid stops that are touched.
-  subroutine meet_rigid_stops(self, t, y, fallen)
-    class(switching_mechanism), intent(inout) :: self
-    real(wp), intent(in) :: t               !! [s]
-    real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    logical, intent(in) :: fallen(:)        !! (roots)
-    type(motion_state) :: at
-    type(impact_result) :: x
-    logical :: ok
-    integer :: k
-    if (self%m%s%stop_rows == 0) return
-    at = self%motion_at(t, y)
-    associate (n => self%m%s%nq, i => 2*self%m%s%nq + self%m%s%nz, e => 2*self%m%s%nq + self%m%s%nz + self%m%s%nzd)
-      call pass_impacts(self%m, self%ev, at, fallen, self%events, x)
-      y(n + 1:2*n) = at%v
-      self%conflict = x%conflict
-      if (.not. x%any) return
-      ok = .true.
-      if (x%conflict == 0) call project(self%m, self%ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:e), ok)
-      if (.not. ok) self%conflict = maxloc(x%impulse, 1)
-      y(e + 1) = y(e + 1) + sum(x%lost)
-      y(e + 2) = y(e + 2) + x%work
-      k = size(y) - size(x%integrated) + 1
-      y(k:) = y(k:) + x%integrated
-      do k = 1, size(x%lost)
-        y(e + 2 + k) = y(e + 2 + k) + x%lost(k)
-        if (is_rigid_stop(self%m, k)) call self%tally(k)%note_impact(x%impulse(k), x%flight(k))
-      end do
-    end associate
-  end subroutine meet_rigid_stops
-
-  !> Joints with friction after any event.
-  subroutine resolve_friction(self, t, y, fallen, before, ok)
+  !> Elements that switch: impacts, then events of forces, then the rows that are at rest after them. At the start nothing has
+  !> fallen.
+  subroutine settle_events(self, t, y, fallen, before, ok)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: fallen(:)        !! (roots)
     integer, intent(in) :: before(:)        !! (elements that switch) states
     logical, intent(out) :: ok
-    logical, dimension(size(self%friction)) :: rests, breaks   ! (rows that switch)
-    integer :: k
-    k = most_roots*self%m%s%elements
-    associate (roots => fallen(most_roots*size(self%tally) + 1:k))
-      call hold_resting(self%m, self%ev, self%motion_at(t, y), roots, rests, breaks)
-      if (self%has_manifold) call self%project(t, y, ok)
-      call settle_friction(self%m, self%ev, self%motion_at(t, y), roots, rests, breaks, ok)
+    type(impact_result) :: x
+    type(motion_state) :: at
+    integer :: k, first
+    ok = .true.
+    first = self%events%count + 1
+    at = self%motion_at(t, y)
+    associate (n => self%m%s%nq, sums => 2*self%m%s%nq + self%m%s%nz + self%m%s%nzd)
+      call pass_impacts(self%m, self%ev, at, fallen, self%events, x)
+      y(n + 1:2*n) = at%v
+      self%conflict = x%conflict
+      y(sums + 2) = y(sums + 2) + x%work
+      k = size(y) - size(x%integrated) + 1
+      y(k:) = y(k:) + x%integrated
+      if (size(self%tally) > 0) call pass_events(self%m, self%ev, t, y(1:n), y(n + 1:2*n), &
+                                                 fallen(:most_roots*size(self%tally)), self%events, ok)
+      ok = ok .and. self%conflict == 0
+      call self%choose_rows()
+      if (self%events%count >= first) call begin_contacts(self, t, y, self%events%items(first:self%events%count)%element, &
+                                                          self%events%items(first:self%events%count)%from == 0)
+      if (ok .and. size(x%side) > 0) call settle_at_rest(self, t, y, fallen, before, x, ok)
+      y(sums + 1) = y(sums + 1) + sum(x%lost)
+      y(sums + 3:sums + 2 + size(x%lost)) = y(sums + 3:sums + 2 + size(x%lost)) + x%lost
     end associate
-    do k = size(self%tally) + 1, self%m%s%elements
-      associate (state => self%ev%switches%state(k))
-        if (state == before(k)) cycle
-        call self%events%add(switch_event(t, k, before(k), state))
-        call self%friction(k - size(self%tally))%note_event(t, before(k), state)
+    do k = first, self%events%count
+      associate (event => self%events%items(k), n => size(self%tally))
+        if (event%element <= n) call self%tally(event%element)%note_event(t, event%from, event%to)
+        if (event%element > n) call self%friction(event%element - n)%note_event(t, event%from, event%to)
       end associate
     end do
     do k = 1, size(self%friction)
       call self%friction(k)%note_position(self%position_of(k))
     end do
+    call limit_steps_at_rest(self)
+  end subroutine settle_events
+
+  !> Rows at rest after any event hold or are off. Those that hold lose their rates; rows that lose theirs with them rest, too. A
+  !> rebound too low to be followed ends at once.
+  subroutine settle_at_rest(self, t, y, fallen, before, x, ok)
+    class(switching_mechanism), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    logical, intent(in) :: fallen(:)        !! (roots)
+    integer, intent(in) :: before(:)        !! (elements that switch) states
+    type(impact_result), intent(inout) :: x
+    logical, intent(out) :: ok
+    type(resting_set) :: set
+    real(wp), dimension(size(x%side)) :: u, flight, last   ! speeds of rebounds [m/s]; their times, of the last ones [s]
+    logical :: more, closed(size(x%side))
+    integer :: k, i
+    ok = .false.
+    closed = .false.
+    set = resting_set(x%side, closed, closed, closed)
+    do k = 1, self%events%count
+      associate (event => self%events%items(k))
+        i = event%element - size(self%tally)
+        if (i > 0 .and. abs(event%t - t) <= 0.0_wp) set%fresh(i) = abs(event%to) == row_slips
+      end associate
+    end do
+    last = 0.0_wp
+    do
+      do
+        call hold_resting(self%m, self%ev, self%motion_at(t, y), fallen, set, more)
+        if (.not. (more .or. any(closed))) exit
+        call take_rates(self, t, y, x)
+        closed = .false.
+      end do
+      if (self%conflict == 0) call settle_rows(self%m, self%ev, self%motion_at(t, y), fallen, set, ok, self%conflict)
+      call close_low(self%m, self%ev, set, least_rebound*self%m%s%size, u, flight, closed)
+      if (.not. (ok .and. any(closed))) exit
+      where (closed) last = flight
+      call lose(self, x, merge(u, 0.0_wp, closed))
+    end do
+    call note_states(self, t, before, x, last, flight)
+    if (self%conflict > 0 .or. size(self%friction) == 0) return
     call find_undetermined(self%m, self%ev, self%friction%undetermined)
     call check_friction(self, ok)
-    if (self%has_manifold .and. .not. self%fault) call self%project(t, y, ok)
-  end subroutine resolve_friction
+  end subroutine settle_at_rest
+
+  !> Puts positions and rates onto the rows that hold.
+  subroutine take_rates(self, t, y, x)
+    class(switching_mechanism), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    type(impact_result), intent(in) :: x
+    logical :: ok
+    if (self%ev%broken .or. .not. (self%has_manifold .or. any(x%side /= 0))) return
+    associate (n => self%m%s%nq, i => 2*self%m%s%nq + self%m%s%nz, e => 2*self%m%s%nq + self%m%s%nz + self%m%s%nzd)
+      call project(self%m, self%ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:e), ok)
+    end associate
+    if (.not. ok .and. any(x%side /= 0)) self%conflict = maxloc(x%impulse, 1)
+  end subroutine take_rates
+
+  !> Energies of rebounds that end at once.
+  subroutine lose(self, x, u)
+    class(switching_mechanism), intent(in) :: self
+    type(impact_result), intent(inout) :: x
+    real(wp), intent(in) :: u(:)            !! (rows that switch) their speeds [m/s]
+    integer :: k
+    do k = 1, size(u)
+      if (.not. u(k) > 0.0_wp) cycle
+      associate (lost => x%lost(self%m%s%constraints(self%m%s%permanent + k)%item%switch_number))
+        lost = lost + 0.5_wp*u(k)**2/x%yield(k)
+      end associate
+    end do
+  end subroutine lose
+
+  !> Notes new states of the rows that switch. An impact without a rebound and the state after it are one event. Rebounds that are
+  !> not followed end at a later date.
+  subroutine note_states(self, t, before, x, last, flight)
+    class(switching_mechanism), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    integer, intent(in) :: before(:)        !! (elements that switch) states
+    type(impact_result), intent(in) :: x
+    real(wp), intent(in) :: last(:), flight(:)   !! (rows that switch) of the last rebound, of one that is followed [s]
+    real(wp) :: date                        ! [s]
+    integer :: k, i, j
+    do i = 1, size(x%side)
+      k = 1 + mod(i - 1 + size(self%friction), size(x%side))   ! stops, then friction
+      associate (n => self%m%s%constraints(self%m%s%permanent + k)%item%switch_number, list => self%events)
+        if (x%side(k) /= 0) call self%tally(n)%note_impact(x%impulse(n), flight(k))
+        if (self%ev%switches%state(n) == before(n)) cycle
+        date = t
+        if (x%restitution(k) < 1.0_wp) date = t + last(k)/(1 - x%restitution(k))
+        j = 0
+        if (.not. date > t) j = list%rebound_of(n, t)
+        if (j > 0) then
+          list%items(j)%to = self%ev%switches%state(n)
+        else
+          call list%add(switch_event(date, n, before(n), self%ev%switches%state(n)))
+        end if
+      end associate
+    end do
+  end subroutine note_states
 
   !> Whether there are states of the joints with friction, and one motion with them.
   subroutine check_friction(self, settled)
     class(switching_mechanism), intent(inout) :: self
     logical, intent(in) :: settled
     integer :: k
+    if (.not. allocated(self%pressing)) allocate (self%pressing(size(self%m%s%friction)), source=0.0_wp)
     do k = 1, size(self%pressing)
       self%pressing(k) = pressing(self%m, self%ev, k, .true.)
     end do

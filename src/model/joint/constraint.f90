@@ -32,7 +32,7 @@ module constraint
     real(wp) :: memory = 0.0_wp           !! what it keeps from its last event: a row that holds the value it is measured from [m]
     real(wp) :: rate = 0.0_wp             !! [m/s]
     real(wp) :: acceleration = 0.0_wp     !! [m/s2]
-    real(wp) :: speed = 0.0_wp            !! sizes of the terms of the rate [m/s]
+    real(wp) :: still = 0.0_wp            !! a rate so small is none [m/s]
     real(wp) :: compliance = 0.0_wp       !! its acceleration by a unit multiplier [1/kg]
     real(wp) :: noise = 0.0_wp            !! an acceleration so small is none [m/s2]
   end type row_motion
@@ -59,6 +59,7 @@ module constraint
     logical :: pending = .false.          !! takes its value from the assembled positions; until then its one row holds nothing
     logical :: angular = .false.          !! drives: the quantity is an angle
     integer :: switch_number = 0          !! its number among the elements that switch, 0: it holds always
+    logical :: one_sided = .false.        !! rows that switch: it only pushes, at a limit
     integer :: parent = 0                 !! rows that switch: the joint whose markers it has, 0: they are its own
   contains
     procedure(evaluate_rows), deferred :: evaluate
@@ -75,6 +76,10 @@ module constraint
     procedure :: release_angle => holds_none   !! drops the row that keeps a relative angle, says whether there was one
     procedure :: hold_angle               !! the row that keeps a relative angle
     procedure :: holds => always          !! whether the row of an element that switches holds in a state
+    procedure :: relation => as_it_is     !! how it holds in a state, at a limit: as `friction_law` has states of rows
+    procedure :: state_of => as_it_is     !! the state by that
+    procedure :: bounds => no_bounds      !! between which its multiplier holds it at rest
+    procedure :: place => present_place   !! where it holds if it begins to here
     procedure :: roots => no_roots        !! what that watches in its present state
     procedure :: state_word => no_word    !! a state in a word, for files
   end type constraint_model
@@ -190,6 +195,31 @@ contains
     integer, intent(in) :: state
     yes = .true.
   end function always
+
+  !> States of most rows are relations.
+  pure integer function as_it_is(self, state, side) result(other)
+    class(constraint_model), intent(in) :: self
+    integer, intent(in) :: state
+    integer, intent(in) :: side                   !! limit of a stop: 1 upper, -1 lower; of others 0
+    other = state
+  end function as_it_is
+
+  !> Most rows hold whatever acts.
+  pure function no_bounds(self, side, lambda) result(bounds)
+    class(constraint_model), intent(in) :: self
+    integer, intent(in) :: side                   !! limit of a stop
+    real(wp), intent(in) :: lambda(:)             !! multipliers of all rows [N]
+    real(wp) :: bounds(2)                         ! [N]
+    bounds = [-1, 1]*huge(1.0_wp)
+  end function no_bounds
+
+  !> Most rows hold where they are.
+  pure real(wp) function present_place(self, p, side) result(x)   ! [m]
+    class(constraint_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    integer, intent(in) :: side                   !! limit of a stop
+    x = self%measure(p)
+  end function present_place
 
   !> Most rows watch nothing.
   pure subroutine no_roots(self, now, lambda, watched)

@@ -79,7 +79,7 @@ contains
     y(:self%rows) = lambda(self%first:self%first + self%rows - 1)
     select case (self%contact)
     case (on_pin)
-      if (any(abs(y) > 0.0_wp)) d = mu*self%radius/self%size*y/norm2(y)
+      if (norm2(y) > tiny(1.0_wp)) d = mu*self%radius/self%size*y/norm2(y)
     case (on_line)
       d(1) = sign(1.0_wp, y(1))*mu
     case default

@@ -19,6 +19,7 @@ module friction_row
     procedure :: acts_on => friction_acts_on
     procedure :: components => friction_components
     procedure :: holds => friction_holds
+    procedure :: bounds => static_limit
     procedure :: roots => friction_roots
     procedure :: state_word => friction_word
     procedure :: measure => way
@@ -63,6 +64,15 @@ contains
     yes = state == row_stuck
   end function friction_holds
 
+  !> The static limit, either way.
+  pure function static_limit(self, side, lambda) result(bounds)
+    class(friction_model), intent(in) :: self
+    integer, intent(in) :: side           !! 0
+    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    real(wp) :: bounds(2)                 ! [N]
+    bounds = [-1, 1]*self%law%sticking_limit(lambda)
+  end function static_limit
+
   !> Sticking: what is left to the static limit. Slipping: the speed, and the normal forces, at whose change of sign the limit has a
   !> kink. At rest without sticking: how far it is from moving.
   pure subroutine friction_roots(self, now, lambda, watched)
@@ -83,7 +93,7 @@ contains
     case (row_slips)
       watched%g(1) = now%state*now%rate
       watched%rate(1) = now%state*now%acceleration
-      watched%zero(1) = resting*self%size + root_rounding*now%speed
+      watched%zero(1) = now%still
       n = self%law%pads(lambda)*self%law%pad_signs(now%memory)
       do k = 1, most_pads
         if (.not. abs(n(k)) > 0.0_wp) cycle

@@ -150,11 +150,11 @@ contains
   end subroutine fill_zero
 
   !> Rows that hold give way by part of what a unit multiplier accelerates them.
-  subroutine soften(self, creep, rows)
+  subroutine soften(self, creep, first)
     class(row_matrix), intent(inout) :: self
     real(wp), intent(in) :: creep             !! that part [-]
-    integer, intent(in) :: rows(:)
-    associate (at => pack(self%position(rows), self%position(rows) > 0))
+    integer, intent(in) :: first              !! of these rows
+    associate (at => pack(self%position(first:), self%position(first:) > 0))
       self%s(0, at) = self%s(0, at)*(1 + creep)
     end associate
   end subroutine soften
