@@ -76,7 +76,7 @@ def test_terms_that_do_not_fit_are_a_fault_of_their_law(law, where, run_deck):
 def test_advice_of_absurd_lengths_has_room_for_every_number(length, ghm, run_deck):
     done = run_deck(BEAM.format(length=length, ghm=ghm), "--check")
     assert "stable steps of explicit methods" in done.stdout
-    assert re.search(r'with body "rod" rigid: |without GHM in body "rod": ', done.stdout)
+    assert re.search(r'larger steps by: .* on body "rod"', done.stdout)
 
 
 @pytest.mark.parametrize("far", ["1e12,0", "0,1e20", "1e40,0"])

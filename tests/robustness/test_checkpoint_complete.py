@@ -52,7 +52,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("results", "result_set", "results", "self"): {"incomplete", "values", "used", "suffix"},
     ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along", "columns"},
     ("error_check", "error_watch", "error_check", "self"): {"active", "error_ratio", "between", "stored"},
-    ("text_file", "result_file", "text_file", "self"): {"buffer", "failed", "handle", "used"},
+    ("text_file", "result_file", "text_file", "self"): {"buffer", "failed", "handle", "used", "written"},
     ("validity", "validity_watch", "validity", "self"): {"weight"},
     ("step_monitor", "stability_monitor", "step_monitor", "self"): {
         *("active", "every", "steps", "method", "pole_step", "step", "ratio", "fastest", "fast", "motions", "mode"),

@@ -2,8 +2,7 @@
 module mechanism_ode
   use kinds, only: wp
   use border_row_lists, only: row_lists, list_rows, order_rows
-  use border_rows, only: regularise_weak_rows, row_compliance, light_shift, least_shift, strong_shift, stage_shift
-  use complex_border_rows, only: complex_compliance => row_compliance
+  use border_rows, only: regularise_weak_rows, light_shift, least_shift, strong_shift, stage_shift
   use condensed_system, only: change_rows
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed, &
                                       change_complex => change_rows
@@ -32,7 +31,6 @@ module mechanism_ode
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     logical, private :: turning_lines = .false.   !! single-stage methods: rates are closed by the mass (theory.md, section 7)
-    real(wp), private :: held = 0.0_wp        !! shift that holds what redundant rows leave open of multipliers; 0: none [-]
     logical, allocatable, private :: bordered(:)   !! whether each element that switches has rows in the border of implicit steps
   contains
     procedure :: start_implicit
@@ -184,7 +182,8 @@ contains
     logical :: bad
     self%shift = merge(light_shift, least_shift, self%m%redundant)
     if (regularise) self%shift = merge(stage_shift, strong_shift, allocated(self%stages))
-    self%held = merge(self%shift, 0.0_wp, self%m%redundant .and. .not. regularise)
+    self%t%t%rows%held = merge(self%shift, 0.0_wp, self%m%redundant .and. .not. regularise)
+    if (allocated(self%stages)) self%stages%rows%held = self%t%t%rows%held
     call set_gains(self)
     call take_residual(self%t%t, self%m, self%ev, r)
     call renew(self%t, self%m, self%ev, q, v, a, lambda, exact, self%shift, bad)
@@ -222,7 +221,7 @@ contains
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
     real(wp), intent(inout), contiguous :: dlambda(:)   !! (rows) multipliers, then their correction [N]
     if (.not. self%t%t%solved) call take_residual(self%t%t, self%m, self%ev, r)
-    call correction(self%t%t, self%m, self%ev, gap - self%held*row_compliance(self%t%t%rows)*dlambda, dq)
+    call correction(self%t%t, self%m, self%ev, gap, dq, dlambda)
     dlambda = self%t%t%rows%y(1:self%rows)
   end subroutine mechanism_correction
 
@@ -234,7 +233,7 @@ contains
     complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
     complex(wp), intent(inout), contiguous :: dlambda(:)  !! (rows) multipliers, then their correction [N]
     if (.not. self%stages%solved) call take_complex(self%stages, self%m, self%ev, r)
-    call correct_complex(self%stages, self%m, self%ev, gap - self%held*complex_compliance(self%stages%rows)*dlambda, dq)
+    call correct_complex(self%stages, self%m, self%ev, gap, dq, dlambda)
     dlambda = self%stages%rows%y(1:self%rows)
   end subroutine complex_correction
 

@@ -15,7 +15,7 @@ module border_rows
   use border_row_lists, only: row_lists
   implicit none (type, external)
   private
-  public :: row_system, set_up_rows, factor_rows, regularise_weak_rows, solve_rows, solve_gaps, row_compliance
+  public :: row_system, set_up_rows, factor_rows, regularise_weak_rows, solve_rows, solve_gaps
 
   real(wp), parameter, public :: least_shift = 3.0e-14_wp  !! on the diagonal of constraint rows: uneven masses allow no more [-]
   real(wp), parameter, public :: light_shift = 1.0e-11_wp   !! the same where rows are redundant everywhere [-]
@@ -55,6 +55,7 @@ module border_rows
     real(number), allocatable :: closing(:, :)   !! (n, 3) the same for gaps alone [N]
     type(open_row), allocatable :: open(:)   !! rows that can be off
     real(number) :: unit = 1.0_wp            !! makes newtons of the method's gaps of rows that are off [-, 1/s]
+    real(wp) :: held = 0.0_wp                !! shift that holds at zero what redundant rows leave open of multipliers; 0: none [-]
     real(wp) :: least_pivot = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
@@ -130,14 +131,6 @@ contains
     r%least_pivot = minval(abs(r%system%lu(2*r%kd + 1, :)))
   end subroutine factor_rows
 
-  !> Compliance of each constraint row; 0 of one that is off.
-  function row_compliance(r) result(s)
-    type(row_system), intent(in) :: r
-    real(number) :: s(r%nc)                  !! [m/N]
-    s = r%s(0, r%position(1:r%nc))
-    where (r%open%off) s(r%open%row) = 0.0_wp
-  end function row_compliance
-
   !> The equation of a row that is off. The rows that its multiplier follows are of the same joint: they stand within the band.
   subroutine leave_open(r, x)
     type(row_system), intent(inout) :: r
@@ -172,14 +165,21 @@ contains
 
   !> y of all rows from their displacements d under the residual alone and the constraints' values; of rows that are off, from the
   !> errors of their multipliers.
-  subroutine solve_rows(r, phi)
+  subroutine solve_rows(r, phi, lambda)
     type(row_system), intent(inout) :: r
     real(number), intent(in) :: phi(:)       !! (nc) [m], [N]
+    real(number), intent(in), optional :: lambda(:)   !! (nc) present multipliers [N]
     integer :: i, j, k, p
     if (r%n == 0) return
     do i = 1, r%nc
       r%system%x(r%position(i), 1) = r%d(i) + phi(i)
     end do
+    if (present(lambda) .and. r%held > 0.0_wp) then
+      do i = 1, r%nc
+        p = r%position(i)
+        r%system%x(p, 1) = r%system%x(p, 1) - r%held*r%s(0, p)*lambda(i)
+      end do
+    end if
     do i = r%nc + 1, r%n
       r%system%x(r%position(i), 1) = r%d(i)
       if (.not. r%rate_row(i)) r%system%x(r%position(i), 1) = 0.0_wp

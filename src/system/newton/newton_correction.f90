@@ -47,19 +47,20 @@ contains
   end subroutine solve_elastic
 
   !> The correction dq (global axes) and that of the multipliers (rows%y), from the residuals that were taken.
-  subroutine correction(self, m, ev, gap, dq)
+  subroutine correction(self, m, ev, gap, dq, lambda)
     type(condensed_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(number), intent(in) :: gap(:)       !! (rows) what the rows are open by [m]
     real(number), intent(out) :: dq(:)       !! (nq) [m, rad]
+    real(number), intent(in), optional :: lambda(:)   !! (rows) present multipliers, where redundant rows leave them open [N]
     integer :: b
     call solve_elastic(self)
     self%rows%d = 0.0_wp
     do b = 1, size(self%b)
       call free_frame(self, m, b)
     end do
-    call solve_rows(self%rows, gap)
+    call solve_rows(self%rows, gap, lambda)
     do b = 1, size(self%b)
       call body_correction(self, m, ev, b, self%rows%y, dq)
     end do
