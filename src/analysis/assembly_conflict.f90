@@ -68,6 +68,7 @@ contains
     character(:), allocatable :: where_closed, unit
     real(wp), allocatable :: q(:)
     integer :: k
+    real(wp) :: start(0:2)                            ! of a drive [m, rad], per s, per s2
     logical :: surplus
     call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], 0, m, ev, q, report)
     where_closed = ' where all others are closed'
@@ -83,9 +84,10 @@ contains
         words = name_of(d, culprit)//' holds'//where_closed//', but no way there was found from the positions in the deck'// &
                 what_is_expected
       else if (c%drive) then
+        call c%prescribed(0.0_wp, .false., start)
         unit = either(' rad', ' m', c%angular)
-        words = name_of(d, culprit)//' starts at '//exact_text(c%start_value())//unit//', but its bodies stand at '// &
-                exact_text(c%measure(ev%p))//unit//where_closed//': '
+        words = name_of(d, culprit)//' starts at '//exact_text(start(0))//unit//', but its bodies stand at '// &
+                exact_text(c%position(ev%p))//unit//where_closed//': '
         if (surplus) words = words//'these leave no motion that could follow it'
         if (.not. surplus) words = words//'the lengths of its loop do not reach further'
         associate (r => d%drives(culprit - size(d%joints)))

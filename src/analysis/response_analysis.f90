@@ -183,7 +183,7 @@ contains
     complex(wp) :: value
     integer :: row
     associate (c => run%sys%m%s%constraints(run%sys%m%s%joints + run%d%response%drive)%item)
-      value = merge(c%size, 1.0_wp, c%angular)
+      value = c%weight()
       if (c%rate) value = value/s
       row = findloc(ds%active, c%first, 1)
       x(ds%n + row) = value

@@ -187,7 +187,7 @@ contains
       line = trim(run%d%transient%method)//', stable with any step for small vibrations: accuracy alone sets it'
       call text%line('  this deck: '//line)
       if (run%d%transient%method /= 'generalized_alpha') return
-      do k = 1, size(run%sys%m%s%constraints)
+      do k = 1, run%sys%m%s%permanent
         associate (c => run%sys%m%s%constraints(k)%item)
           if (c%line_turns()) call text%line('    where the line of "'//trim(c%name)//'" turns that is not proven; radau is '// &
                                              'stable there')

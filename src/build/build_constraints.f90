@@ -4,14 +4,11 @@ module build_constraints
   use build_history, only: make_history
   use constraint, only: constraint_model
   use deck_records, only: deck, joint_record, drive_record
-  use distance_joint, only: distance_model
   use errors, only: fault_list
   use friction_law, only: coulomb_law, on_pin, on_line, on_pads
   use friction_row, only: friction_model
   use history, only: history_model, breakpoint
-  use line_joint, only: line_model
-  use pin_joint, only: pin_model
-  use angle_joints, only: gear_model, rotation_model
+  use measures, only: difference, distance, line, turns
   use scene_model, only: scene
   use text, only: either, short_text
   implicit none (type, external)
@@ -51,23 +48,21 @@ contains
     subroutine make_joint(r, item)
       type(joint_record), intent(in) :: r
       class(constraint_model), allocatable, intent(out) :: item
-      real(wp) :: angle                         ! between the bodies [rad]
-      angle = deck_angle(r%a%body) - deck_angle(r%b%body)
+      allocate (item)
       select case (r%type)
-      case ('revolute')
-        item = pin_model(rows=2)
-      case ('weld')
-        item = pin_model(rows=3, welded=.true., angle=angle)
-      case ('slider')
-        item = line_model(rows=1, direction=r%direction + pi/2, fixed=r%b%body == 0)
-      case ('prismatic')
-        item = line_model(rows=2, direction=r%direction + pi/2, fixed=r%b%body == 0, prismatic=.true., angle=angle)
+      case ('revolute', 'weld')
+        call item%hold(difference(1))
+        call item%hold(difference(2))
+      case ('slider', 'prismatic')
+        call item%hold(line(r%direction + pi/2, r%b%body == 0))
       case ('gear')
-        item = gear_model(rows=1, ratio=r%ratio, angle=deck_angle(r%a%body) - deck_angle(r%c%body) &
-                          - r%ratio*(deck_angle(r%b%body) - deck_angle(r%c%body)))
+        call item%hold(turns(r%ratio), deck_angle(r%a%body) - deck_angle(r%c%body) &
+                       - r%ratio*(deck_angle(r%b%body) - deck_angle(r%c%body)))
       case default
-        item = distance_model(rows=1, length=r%length, pending=.not. r%has_length)
+        call item%hold(distance(), r%length, pending=.not. r%has_length)
       end select
+      if (any(r%type == [character(9) :: 'weld', 'prismatic'])) &
+        call item%hold(difference(3), deck_angle(r%a%body) - deck_angle(r%b%body))
       item%name = r%name
     end subroutine make_joint
 
@@ -80,8 +75,12 @@ contains
       law = coulomb_law(on_line, r%friction, max(r%friction, r%friction_static), r%preload, r%pin_radius, r%pad_distance)
       if (r%type == 'revolute') law%contact = on_pin
       if (r%pad_distance > 0.0_wp) law%contact = on_pads
-      item = friction_model(rows=1, direction=r%direction, fixed=r%b%body == 0, angular=r%type == 'revolute', law=law, &
-                            parent=joint)
+      item = friction_model(law=law, parent=joint)
+      if (r%type == 'revolute') then
+        call item%hold(difference(3))
+      else
+        call item%hold(line(r%direction, r%b%body == 0))
+      end if
       item%name = r%name
     end subroutine make_friction
 
@@ -100,11 +99,14 @@ contains
       class(history_model), allocatable :: h
       call make_history(d, r%history, h)
       call check_smooth(r, h)
+      allocate (item)
+      item%drive = .true.
+      item%rate = r%rate
+      call move_alloc(h, item%target)
       if (r%type == 'rotation') then
-        item = rotation_model(rows=1, drive=.true., angular=.true., rate=r%rate, pending=r%relative, target=h)
+        call item%hold(difference(3), pending=r%relative)
       else
-        item = line_model(rows=1, drive=.true., rate=r%rate, pending=r%relative, target=h, direction=r%direction, &
-                          fixed=r%b%body == 0)
+        call item%hold(line(r%direction, r%b%body == 0), pending=r%relative)
       end if
       item%name = r%name
     end subroutine make_drive
@@ -138,8 +140,7 @@ contains
       select type (c => s%constraints(s%permanent + k)%item)
       class is (friction_model)
         associate (joint => s%constraints(c%parent)%item, law => c%law)
-          c%ia = joint%ia
-          c%ib = joint%ib
+          call c%attach(joint%ia, joint%ib, 0)
           law%size = s%size
           law%row = c%first
           law%first = joint%first

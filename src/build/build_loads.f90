@@ -11,8 +11,8 @@ module build_loads
   use loads, only: load_model, body_force_model, central_torque_model, point_force_model, section_force_model, torque_model
   use scene_model, only: scene
   use stop_row, only: stop_row_model
-  use springs, only: spring_model, linear_model, torsional_model
-  use stop_kinds, only: clearance_stop, position_stop, rotation_stop
+  use measures, only: difference, distance, line
+  use springs, only: spring_model
   use stops, only: stop_model, rebound_factor
   use text, only: either, quoted
   implicit none (type, external)
@@ -68,8 +68,9 @@ contains
     do k = 1, size(s%forces)
       if (.not. is_rigid(s%forces(k)%item)) cycle
       n = n + 1
-      allocate (all(n)%item, source=stop_row_model(rows=1, one_sided=.true., parent=s%permanent + k, name=s%forces(k)%item%name, &
+      allocate (all(n)%item, source=stop_row_model(one_sided=.true., parent=s%permanent + k, name=s%forces(k)%item%name, &
                                                    switch_number=s%forces(k)%item%switch_number))
+      call all(n)%item%hold(s%forces(k)%item%measure)
     end do
     call move_alloc(all, s%constraints)
     call place_stop_rows(s)
@@ -84,8 +85,7 @@ contains
       class is (stop_row_model)
         associate (f => s%forces(s%switching(c%switch_number))%item)
           f%row = c%first
-          c%ia = f%ia
-          c%ib = f%ib
+          call c%attach(f%ia, f%ib, 0)
           select type (f)
           class is (stop_model)
             c%stop = f
@@ -111,19 +111,20 @@ contains
     type(spring_record), intent(in) :: r
     class(force_model), allocatable, intent(out) :: item
     type(fault_list), intent(inout) :: faults
-    class(spring_model), allocatable :: sp
+    type(spring_model), allocatable :: sp
+    allocate (sp)
     if (r%type == 'torsional') then
-      allocate (torsional_model :: sp)
+      sp%measure = difference(3)
     else
-      allocate (linear_model :: sp)
+      sp%measure = distance()
     end if
     sp%name = r%name
     sp%group = 'spring'
-    sp%angular = r%type == 'torsional'
+    sp%angular = sp%measure%angular
     sp%stiffness = r%stiffness
     sp%damping = r%damping
-    sp%free = r%free
-    sp%pending = .not. r%has_free
+    sp%measure%datum = r%free
+    sp%measure%pending = .not. r%has_free
     sp%law = law_of(r%law)
     if (r%characteristic > 0) then
       call make_history(d, r%characteristic, sp%history)
@@ -197,18 +198,19 @@ contains
   subroutine make_stop(r, item)
     type(stop_record), intent(in) :: r
     class(force_model), allocatable, intent(out) :: item
-    class(stop_model), allocatable :: t
+    type(stop_model), allocatable :: t
+    allocate (t)
     select case (r%type)
     case ('rotation')
-      allocate (rotation_stop :: t)
+      t%measure = difference(3)
     case ('position')
-      t = position_stop(direction=r%direction)
+      t%measure = line(r%direction, r%b%body == 0)
     case default
-      allocate (clearance_stop :: t)
+      t%measure = distance(r%upper)
     end select
     t%name = r%name
     t%group = 'stop'
-    t%angular = r%type == 'rotation'
+    t%angular = t%measure%angular
     t%switches = .true.
     t%lower = r%lower
     t%upper = r%upper

@@ -64,7 +64,7 @@ contains
     markers%head(r%body) = k
   end function find_marker
 
-  !> Index of a new marker that shows an elastic motion (`elastic_quantity`): from the origin of its body it moves along x of the
+  !> Index of a new marker that shows an elastic motion (`elastic_measure`): from the origin of its body it moves along x of the
   !> body by u, v or rotation of a node, or by one elastic coordinate. On a rigid body it stays there.
   integer function elastic_marker(s, markers, body, node, number) result(k)
     type(scene), intent(in) :: s

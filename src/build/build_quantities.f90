@@ -2,7 +2,8 @@
 module build_quantities
   use build_markers, only: elastic_marker, find_marker, marker_table
   use deck_records, only: deck, marker_record, sensor_record
-  use quantity, only: difference_quantity, distance_quantity, elastic_quantity, quantity_model
+  use measure, only: measure_model
+  use measures, only: difference, distance, elastic_measure
   use scene_model, only: power_source, scene
   implicit none (type, external)
   private
@@ -17,30 +18,24 @@ contains
     type(sensor_record), intent(in) :: r
     integer, intent(in) :: column             !! among its columns of motion (`deck_columns`)
     type(marker_table), intent(inout) :: markers
-    class(quantity_model), allocatable, intent(out) :: item
+    class(measure_model), allocatable, intent(out) :: item
     type(marker_record) :: a, b               ! b: the ground's origin, where nothing else is named
     a = r%marker
     b = r%other
     select case (r%quantity)
     case ('position', 'velocity')
-      item = difference_quantity(component=column)
+      item = difference(column)
     case ('angle', 'angular_velocity')
-      item = difference_quantity(component=3, angular=.true.)
+      item = difference(3)
     case ('deflection', 'coordinate')
-      allocate (elastic_quantity :: item)
+      allocate (elastic_measure :: item)
       b = marker_record(body=a%body)
     case ('spring')
       a = d%springs(r%spring)%a
       b = d%springs(r%spring)%b
-      if (d%springs(r%spring)%type == 'torsional') then
-        item = difference_quantity(component=3, angular=.true.)
-      else
-        allocate (distance_quantity :: item)
-      end if
-      item%datum = d%springs(r%spring)%free
-      item%pending = .not. d%springs(r%spring)%has_free
+      allocate (item, source=s%forces(r%spring)%item%measure)
     case default
-      allocate (distance_quantity :: item)
+      item = distance()
     end select
     item%rate = any(r%quantity == [character(20) :: 'velocity', 'angular_velocity']) .or. &
                 (r%quantity == 'coordinate' .and. column == 2)

@@ -45,7 +45,7 @@ contains
     type(acting_marker), allocatable :: acting(:, :)
     type(marker_table) :: markers
     integer, allocatable :: first(:), lumps(:)   ! lumps by body
-    integer :: k
+    integer :: k, at(3)                          ! markers of a joint or drive
     logical :: moment_only
     acting = list_acting(d, s)
     call sort_by_number(d%lumps%marker%body, size(d%bodies), first, lumps)
@@ -59,9 +59,11 @@ contains
     do k = 1, size(s%constraints)
       associate (c => s%constraints(k)%item)
         if (k <= s%permanent) then
-          c%ia = find_marker(s, markers, acting(1, k)%marker)
-          c%ib = find_marker(s, markers, acting(2, k)%marker)
-          if (acting(3, k)%acts(3)) c%ic = find_marker(s, markers, acting(3, k)%marker)
+          at = 0
+          at(1) = find_marker(s, markers, acting(1, k)%marker)
+          at(2) = find_marker(s, markers, acting(2, k)%marker)
+          if (acting(3, k)%acts(3)) at(3) = find_marker(s, markers, acting(3, k)%marker)
+          call c%attach(at(1), at(2), at(3))
         end if
         c%first = s%rows + 1
         c%size = s%size
@@ -76,6 +78,10 @@ contains
         moment_only = f%switches .and. .not. any(f%acts_on() .and. [.true., .true., .false., .true., .true., .false.])
         f%ia = find_marker(s, markers, pair(1), moment_only)
         f%ib = find_marker(s, markers, pair(2), moment_only)
+        if (allocated(f%measure)) then
+          f%measure%ia = f%ia
+          f%measure%ib = f%ib
+        end if
         f%size = s%size
       end associate
     end do

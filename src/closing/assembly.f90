@@ -30,11 +30,10 @@ contains
     q = self%s%q0
     v = self%s%v0
     call marker_kinematics(self, ev, q, v)
-    do k = 1, size(self%s%constraints)
+    do k = self%s%joints + 1, self%s%permanent
       associate (c => self%s%constraints(k)%item)
-        call c%init_from_deck(ev%p)
-        stated(k) = c%measure(ev%p)
-        if (c%rate) c%origin = stated(k)
+        stated(k) = c%position(ev%p)
+        if (c%rate) c%measures(1)%item%datum = stated(k)
       end associate
     end do
     call close_positions(self, ev, q, v, report, fail)
@@ -43,12 +42,14 @@ contains
     do k = self%s%joints + 1, self%s%permanent
       call self%s%constraints(k)%item%init_from_assembly(ev%p)
     end do
+    ev%rows%begun = .false.
     call close_positions(self, ev, q, v, report, fail)    ! a relative drive may begin with another value than the assembled one
     if (fail%happened()) return
     call warn_of_motion(self, ev, q, report)
     do k = 1, self%s%joints
       call self%s%constraints(k)%item%init_from_assembly(ev%p)
     end do
+    ev%rows%begun = .false.
     gap = closed_gap(self, ev)
     do k = 1, size(self%s%forces)
       call self%s%forces(k)%item%init_from_assembly(ev%p, gap)
@@ -93,7 +94,7 @@ contains
     type(failure), intent(inout) :: fail
     character(:), allocatable :: text
     integer :: k
-    do k = 1, size(self%s%constraints)
+    do k = 1, self%s%joints
       associate (c => self%s%constraints(k)%item)
         text = c%fault(gap)
         if (len(text) > 0 .and. report%culprit == 0) report%culprit = k

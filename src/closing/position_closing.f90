@@ -141,15 +141,15 @@ contains
     real(wp), intent(in) :: stated(:)     !! (constraints) the quantities as the deck has them [m] or [rad]
     type(assembly_report), intent(inout) :: report
     character(:), allocatable :: unit
-    real(wp) :: start
+    real(wp) :: start(0:2)                ! [m, rad], per s, per s2
     integer :: k
     do k = self%s%joints + 1, self%s%permanent
       associate (c => self%s%constraints(k)%item)
-        if (c%pending) cycle
-        start = c%start_value()
-        if (abs(start - stated(k)) <= far*merge(1.0_wp, self%s%size, c%angular)) cycle
+        if (c%measures(1)%item%pending) cycle
+        call c%prescribed(0.0_wp, .false., start)
+        if (abs(start(0) - stated(k)) <= far*merge(1.0_wp, self%s%size, c%angular)) cycle
         unit = either('rad', 'm', c%angular)
-        call add_warning(report, 'drive "'//trim(c%name)//'" starts at '//exact_text(start)//' '//unit// &
+        call add_warning(report, 'drive "'//trim(c%name)//'" starts at '//exact_text(start(0))//' '//unit// &
                          ', the deck has its bodies at '//exact_text(stated(k))//' '//unit//': they were moved; expected the '// &
                          'same value in both, or relative=.true., which adds the history to the assembled value')
       end associate

@@ -8,6 +8,7 @@ module spectrum
   use linear_bodies, only: elastic_matrices
   use mass_solve, only: solve_mass
   use evaluation_results, only: conditions_of, evaluation
+  use measure, only: measured
   use mechanism, only: mechanism_model
   use spring_products, only: spring_square, spring_pull
   use springs, only: spring_model
@@ -96,14 +97,14 @@ contains
     class(fast_spectrum), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp) :: d, rate, e(3)
+    type(measured) :: now
     integer :: k
     do k = 1, m%s%springs
       select type (f => m%s%forces(k)%item)
       class is (spring_model)
         if (.not. allocated(f%history)) cycle
-        call f%deformation(ev%p, d, rate, e)
-        self%spring_static(k) = f%present_stiffness(conditions_of(m, ev, k), d)
+        now = f%deformation(ev%p)
+        self%spring_static(k) = f%present_stiffness(conditions_of(m, ev, k), now%x)
         self%spring_fast(k) = self%spring_static(k)
       end select
     end do

@@ -11,6 +11,7 @@ module spring_directions
   use kinds, only: wp
   use mass_solve, only: solve_body
   use evaluation_results, only: evaluation
+  use measure, only: measured
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -66,11 +67,11 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                     !! spring
-    real(wp) :: now, rate, e(3)
+    type(measured) :: now
     integer :: group(0:size(m%s%bodies)), j, a, b
     logical :: welded
     group = [(j, j=0, size(m%s%bodies))]
-    call m%s%forces(k)%item%deformation(ev%p, now, rate, e)
+    now = m%s%forces(k)%item%deformation(ev%p)
     do j = 1, m%s%joints
       associate (c => m%s%constraints(j)%item)
         a = group(m%s%markers(c%ia)%body)
@@ -79,7 +80,7 @@ contains
         associate (last => c%first + c%rows - 1)
           if (norm2(ev%rows%na(:, last)) > 0.0_wp .or. c%rows == 1) cycle   ! the sections' angle is free
         end associate
-        if (welded .or. abs(dot_product(ev%rows%na(:, c%first), e(1:2))) <= parallel) where (group == a) group = b
+        if (welded .or. abs(dot_product(ev%rows%na(:, c%first), now%g(1:2))) <= parallel) where (group == a) group = b
       end associate
     end do
     is_guided = group(m%s%markers(m%s%forces(k)%item%ia)%body) == group(m%s%markers(m%s%forces(k)%item%ib)%body)

@@ -8,6 +8,7 @@ module controls
   use evaluation_settings, only: evaluation_options
   use force_element, only: stage_static
   use marker_motion, only: marker_displacement, marker_kinematics
+  use measure, only: measured
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -219,19 +220,17 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: zd(:)             !! (nz) [any/s]
     real(wp), intent(inout) :: a(:)           !! (nz) those of controllers are set [any/s2]
-    real(wp) :: x, rate, g(6), h(6, 6), second, speeds(6), r(-1:2)
+    type(measured) :: now
+    real(wp) :: second, r(-1:2)
     integer :: k
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k), quantity => m%s%controllers(k)%quantity)
         associate (first => c%first + 1, last => c%first + c%states)
-          call quantity%measure(ev%p, x, rate, g)
-          call quantity%curvature(ev%p, h)
-          speeds = [ev%p%v(:, quantity%ia), ev%p%rate(quantity%ia), ev%p%v(:, quantity%ib), ev%p%rate(quantity%ib)]
-          second = dot_product(g, [acceleration(quantity%ia), acceleration(quantity%ib)]) &
-                   + dot_product(speeds, matmul(h, speeds))
+          call quantity%measure(ev%p, now)
+          second = dot_product(now%g, [acceleration(quantity%ia), acceleration(quantity%ib)]) + now%bias
           call c%reference%evaluate(t, ev%options%left_limit, r)
           a(first:last) = matmul(c%rates(:, :, c%law_in(ev%control(k)%state)), &
-                                 [zd(first:last), merge(second, rate, quantity%rate), second, r(1), r(2), 0.0_wp])
+                                 [zd(first:last), merge(second, now%rate, quantity%rate), second, r(1), r(2), 0.0_wp])
         end associate
       end associate
     end do

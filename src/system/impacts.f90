@@ -91,7 +91,7 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(out) :: changed
-    real(wp) :: x, xd, g(6)                   ! [m], [m/s] or [rad], [rad/s]; [-], [m]
+    real(wp) :: x                             ! [m] or [rad]
     logical :: beyond
     integer :: k, pass
     changed = .false.
@@ -101,7 +101,7 @@ contains
         class is (stop_row_model)
           associate (state => ev%switches%state(row%switch_number), memory => ev%switches%memory(row%switch_number))
             if (pass == 1 .and. .not. row%holds(state)) then
-              call row%stop%measure(ev%p, x, xd, g)
+              x = row%position(ev%p)
               beyond = row%weight()*max(x - row%stop%upper, row%stop%lower - x) > entered*m%s%size
               if (beyond) state = merge(stop_touching, -stop_touching, x > row%stop%upper)
               if (beyond) memory = row%weight()*merge(row%stop%upper, row%stop%lower, state > 0)

@@ -13,6 +13,9 @@ module mechanism
     integer, allocatable :: row_marker(:, :)    !! (2, rows) markers a and b of each row
     integer, allocatable :: carried(:)          !! rows with a carrier
     integer, allocatable :: carrier(:)          !! its marker, of each
+    integer, allocatable :: places(:), angles(:)   !! plain rows (`is_plain`): of positions, of section angles
+    real(wp), allocatable :: datum(:)           !! (rows) of plain rows [m] or [rad]
+    integer, allocatable :: others(:, :)        !! (2, others) other rows: constraint, row of its own
   end type row_incidence
 
   !> Markers as plain arrays, and sorted by what their motion follows from.

@@ -80,9 +80,7 @@ contains
   pure real(wp) function position_of(self, k)
     class(switching_mechanism), intent(in) :: self
     integer, intent(in) :: k
-    associate (row => self%m%s%constraints(self%m%s%permanent + k)%item)
-      position_of = row%measure(self%ev%p)/merge(row%size, 1.0_wp, row%angular)
-    end associate
+    position_of = self%m%s%constraints(self%m%s%permanent + k)%item%position(self%ev%p)
   end function position_of
 
   !> For linear analyses about a state at t = 0: rigid stops that are touched and pressed are closed, joints with friction stick or

@@ -67,7 +67,7 @@ contains
     if (allocated(self%t)) deallocate (self%t)
     if (allocated(self%stages)) deallocate (self%stages)
     allocate (self%t)
-    self%turning_lines = .not. stages .and. any([(self%m%s%constraints(k)%item%line_turns(), k=1, size(self%m%s%constraints))])
+    self%turning_lines = .not. stages .and. any([(self%m%s%constraints(k)%item%line_turns(), k=1, self%m%s%permanent)])
     call set_up_newton(self%t, self%m)
     if (stages) then
       allocate (self%stages)

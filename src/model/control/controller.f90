@@ -8,7 +8,7 @@ module controller
   use kinds, only: wp, pi
   use history, only: breakpoint, history_model
   use marker, only: marker_states
-  use quantity, only: quantity_model
+  use measure, only: measure_model, measured
   use small_matrices, only: solve_small
   use step_counts, only: rounding_of
   implicit none (type, external)
@@ -23,7 +23,7 @@ module controller
   !> A controller.
   type, public :: controller_model
     character(32) :: name = ''
-    class(quantity_model), allocatable :: quantity  !! what it senses
+    class(measure_model), allocatable :: quantity  !! what it senses
     class(history_model), allocatable :: reference  !! what that is to be
     real(wp) :: kp = 0.0_wp                   !! [unit of the output over that of the quantity]
     real(wp) :: ki = 0.0_wp                   !! [the same per second]
@@ -135,10 +135,12 @@ contains
     logical, intent(in) :: left_limit         !! a jump of the reference at t does not act yet
     real(wp), intent(in) :: x(:)              !! (states) [any]
     real(wp) :: w(self%states + control_parts)        ! [any]
-    real(wp) :: h(-1:2), now, rate, g(6)
-    call self%quantity%measure(p, now, rate, g)
+    type(measured) :: now
+    real(wp) :: h(-1:2)
+    call self%quantity%measure(p, now)
     call self%reference%evaluate(t, left_limit, h)
-    w = [x, merge(rate, now - self%quantity%datum, self%quantity%rate), merge(0.0_wp, rate, self%quantity%rate), h(0), h(1), 1.0_wp]
+    w = [x, merge(now%rate, now%x - self%quantity%datum, self%quantity%rate), merge(0.0_wp, now%rate, self%quantity%rate), h(0), &
+         h(1), 1.0_wp]
   end function inputs
 
   !> States when it is switched on: the delay has seen the quantity stand still, the filter the error, the integral is 0.

@@ -6,7 +6,7 @@ module force_element
   use history, only: breakpoint
   use internal_variables, only: internal_state
   use marker, only: marker_states
-  use quantity, only: quantity_model
+  use measure, only: listed, measure_model, measured
   use root_watch, only: by_position, most_roots, root_rounding, watched_roots
   use small_matrices, only: outer
   implicit none (type, external)
@@ -56,24 +56,25 @@ module force_element
     logical :: switches = .false.         !! it has discrete states, between which events lead
     integer :: switch_number = 0          !! its number among the elements that switch
     integer :: row = 0                    !! its own constraint row; 0: it has none
-    class(quantity_model), allocatable :: argument  !! motion that its force follows beside that of its markers; none: not allocated
+    class(measure_model), allocatable :: measure  !! its deformation, or what a stop limits; loads have none
+    class(measure_model), allocatable :: argument  !! motion that its force follows beside that of its markers; none: not allocated
   contains
     procedure :: product => elastic_product
     procedure(state_to_action), deferred :: act
-    procedure(list_actions), deferred :: acts_on  !! whether it can act on x, y, section angle of marker a, then of b
+    procedure :: acts_on => measured_components   !! whether it can act on x, y, section angle of marker a, then of b
     procedure :: tangent => no_tangent
     procedure :: components => acting_components  !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
     procedure :: rate_components => damped_components !! of them, those whose rates it sees
     procedure :: slope => no_slope                !! derivative of the wrenches by the argument
     procedure :: argument_tangent                 !! the tangent by the motion of the argument's markers
     procedure :: unit_wrench => no_wrench         !! wrench on a for a unit of the history that scales it
-    procedure :: deformation => no_deformation
+    procedure :: deformation
+    procedure :: tangent_along
     procedure :: energy => no_energy
     procedure :: relax => keep_coordinates        !! internal variables of an element at rest
-    procedure :: in_all_directions => never               !! it pulls its markers together in every direction
+    procedure :: in_all_directions                !! it pulls its markers together in every direction
     procedure :: along_line => never              !! it acts along the line between its markers, which turns
     procedure :: init_from_assembly => no_settling !! takes free lengths and angles from the assembled markers
-    procedure :: unprestressed => no_prestress    !! what prestress that acts in part takes off the deformation
     procedure :: fault => no_fault                !! what is wrong with it as assembled; empty: nothing
     procedure :: warning => no_warning            !! what is worth telling of it as assembled; empty: nothing
     procedure :: breakpoints => no_breakpoints    !! times at which its force is not smooth
@@ -100,13 +101,6 @@ module force_element
       real(wp), intent(inout) :: zdd(*)     !! (nz) highest derivatives [m/s2, rad/s2], [m/s, rad/s]
       type(element_action), intent(inout) :: x
     end subroutine state_to_action
-
-    !> Components of the markers on which it may act, in any state.
-    pure function list_actions(self) result(yes)
-      import :: force_model
-      class(force_model), intent(in) :: self
-      logical :: yes(6)
-    end function list_actions
   end interface
 
 contains
@@ -132,11 +126,35 @@ contains
     k%c = 0.0_wp
   end subroutine no_tangent
 
+  !> Of a force along its measure: stiffness g g' + damping g (H q')' + force H, damping g g'.
+  pure subroutine tangent_along(self, p, stiffness, damping, force, k)
+    class(force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    real(wp), intent(in) :: stiffness, damping   !! [N/m], [N s/m] or [N m/rad], [N m s/rad]
+    real(wp), intent(in) :: force                !! against the measure [N] or [N m]
+    type(marker_stiffness), intent(inout) :: k
+    type(measured) :: now
+    real(wp) :: h(6, 6)                          ! [1/m], [-], [m]
+    call self%measure%measure(p, now)
+    k%k = stiffness*outer(now%g, now%g)
+    k%c = damping*outer(now%g, now%g)
+    if (self%measure%straight) return
+    call self%measure%curvature(p, h)
+    k%k = k%k + damping*outer(now%g, matmul(h, self%measure%rates(p))) + force*h
+  end subroutine tangent_along
+
+  !> What its measure depends on; kinds without one say it themselves.
+  pure function measured_components(self) result(yes)
+    class(force_model), intent(in) :: self
+    logical :: yes(6)
+    yes = self%measure%acts_on()
+  end function measured_components
+
   !> Most tangents join what the element acts on.
   pure function acting_components(self) result(list)
     class(force_model), intent(in) :: self
     integer, allocatable :: list(:)
-    list = pack([1, 2, 3, 4, 5, 6], self%acts_on())
+    list = listed(self%acts_on())
   end function acting_components
 
   !> All of them, if it damps.
@@ -181,17 +199,20 @@ contains
     w = 0.0_wp
   end function no_wrench
 
-  !> Deformation, its rate, and how it grows with displacement and turn of a (of b: with the other sign).
-  pure subroutine no_deformation(self, p, d, dd, e)
+  !> Its measure less the datum.
+  pure type(measured) function deformation(self, p) result(now)
     class(force_model), intent(in) :: self
     type(marker_states), intent(in) :: p
-    real(wp), intent(out) :: d              !! [m] or [rad]
-    real(wp), intent(out) :: dd             !! its rate [m/s] or [rad/s]
-    real(wp), intent(out) :: e(3)           !! global axes [-]
-    d = 0.0_wp
-    dd = 0.0_wp
-    e = 0.0_wp
-  end subroutine no_deformation
+    call self%measure%measure(p, now)
+    now%x = now%x - self%measure%datum
+  end function deformation
+
+  !> Whether its measure does.
+  pure logical function in_all_directions(self) result(yes)
+    class(force_model), intent(in) :: self
+    yes = allocated(self%measure)
+    if (yes) yes = self%measure%in_all_directions()
+  end function in_all_directions
 
   !> Most elements store nothing.
   pure real(wp) function no_energy(self, p, z, zd) result(energy)   ! [J]
@@ -209,7 +230,7 @@ contains
     real(wp), intent(inout) :: z(*)         !! (nz) all internal variables [m, rad]
   end subroutine keep_coordinates
 
-  !> What holds of special kinds only.
+  !> Most elements do not.
   pure logical function never(self)
     class(force_model), intent(in) :: self
     never = .false.
@@ -221,13 +242,6 @@ contains
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap             !! distance up to which markers coincide [m]
   end subroutine no_settling
-
-  !> Most elements have no prestress.
-  pure real(wp) function no_prestress(self, prestress) result(d)   ! [m] or [rad]
-    class(force_model), intent(in) :: self
-    real(wp), intent(in) :: prestress       !! fraction that acts [-]
-    d = 0.0_wp
-  end function no_prestress
 
   !> Most elements can act wherever their markers are.
   pure function no_fault(self, p, gap) result(text)

@@ -7,6 +7,7 @@ module piecewise_force
   use history, only: history_model
   use history_pieces, only: first_piece, piece_beyond, piece_ends, piece_value
   use marker, only: marker_states
+  use measure, only: measure_model, measured
   implicit none (type, external)
   private
 
@@ -34,16 +35,32 @@ contains
     real(wp), intent(out) :: x             !! [any]
     real(wp), intent(out) :: rate          !! huge: not known [any/s]
     real(wp), intent(out) :: rounding      !! [any]
-    real(wp) :: g(6)
-    call self%argument%measure(p, x, rate, g)
-    x = x - self%argument%datum
-    if (self%argument%rate) then
+    if (allocated(self%argument)) then
+      call follow(self%argument, self%size, p, stage, x, rate, rounding)
+    else
+      call follow(self%measure, self%size, p, stage, x, rate, rounding)
+    end if
+  end subroutine followed
+
+  !> The same of one measure.
+  pure subroutine follow(m, size, p, stage, x, rate, rounding)
+    class(measure_model), intent(in) :: m
+    real(wp), intent(in) :: size           !! the scene's size [m]
+    type(marker_states), intent(in) :: p
+    integer, intent(in) :: stage
+    real(wp), intent(out) :: x, rate, rounding   !! [any], [any/s], [any]
+    type(measured) :: now
+    call m%measure(p, now)
+    x = now%x - m%datum
+    rate = now%rate
+    rounding = root_rounding*m%rounding(p)
+    if (m%rate) then
       x = merge(0.0_wp, rate, stage == stage_static)
       rate = huge(1.0_wp)
+    else if (.not. m%angular) then
+      rounding = max(rounding, root_rounding*size)
     end if
-    rounding = root_rounding*self%argument%rounding(p)
-    if (.not. (self%argument%rate .or. self%argument%angular)) rounding = max(rounding, root_rounding*self%size)
-  end subroutine followed
+  end subroutine follow
 
   !> Value and two derivatives of the history there; where a piece is kept, on this one.
   pure function history_value(self, with, x) result(h)

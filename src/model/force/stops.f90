@@ -1,4 +1,5 @@
-!> Stops: one-sided contacts that yield. A stop measures a quantity x between two markers (`stop_kinds`). Beyond a limit, by the
+!> Stops: one-sided contacts that yield. A stop limits a measure x: an angle, a position along a line, a distance (a pin with
+!> clearance). Beyond a limit, by the
 !> penetration d, it pushes back with
 !>
 !>   F = K d^n (1 + chi d')                                   (Hunt & Crossley 1975)
@@ -17,6 +18,7 @@ module stops
   use constraint, only: marker_stiffness
   use force_element, only: force_model, conditions, element_action, watched_roots, bilateral, by_position, root_rounding
   use marker, only: marker_states
+  use measure, only: measured
   use small_matrices, only: outer
   use text, only: either, to_text
   implicit none (type, external)
@@ -33,7 +35,7 @@ module stops
   real(wp), parameter, public :: share_of_flight = 0.3_wp    !! the first step after a rebound, of the flight to the next [-]
 
   !> A stop.
-  type, abstract, extends(force_model), public :: stop_model
+  type, extends(force_model), public :: stop_model
     real(wp) :: lower = -huge(1.0_wp)      !! limits of x; a huge one does not exist [m] or [rad]
     real(wp) :: upper = huge(1.0_wp)       !! [m] or [rad]
     real(wp) :: hardness = 0.0_wp          !! K [N/m^n] or [N m/rad^n]
@@ -44,8 +46,6 @@ module stops
     logical :: rigid = .false.             !! does not yield
     real(wp) :: restitution = 1.0_wp       !! e of a rigid one [-]
   contains
-    procedure(measure_quantity), deferred :: measure
-    procedure :: curvature => no_curvature
     procedure :: contact
     procedure :: slopes
     procedure :: factor
@@ -64,7 +64,6 @@ module stops
     procedure :: measured_text
     procedure :: pressing
     procedure :: roots => stop_roots
-    procedure :: opening_root => distance_to_limit
     procedure :: switch => stop_switch
     procedure :: start_state => stop_start
     procedure :: state_word => stop_word
@@ -83,18 +82,6 @@ module stops
     real(wp) :: force = 0.0_wp             !! F [N] or [N m]
     real(wp) :: g(6) = 0.0_wp              !! gradient of the penetration by x, y, section angle of a, then of b [-], [m]
   end type stop_contact
-
-  abstract interface
-    !> The quantity, its rate and its gradient by x, y, section angle of marker a, then of b.
-    pure subroutine measure_quantity(self, p, x, xd, g)
-      import :: stop_model, marker_states, wp
-      class(stop_model), intent(in) :: self
-      type(marker_states), intent(in) :: p
-      real(wp), intent(out) :: x           !! [m] or [rad]
-      real(wp), intent(out) :: xd          !! [m/s] or [rad/s]
-      real(wp), intent(out) :: g(6)        !! global axes [-], [m]
-    end subroutine measure_quantity
-  end interface
 
 contains
 
@@ -139,16 +126,17 @@ contains
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     type(stop_contact), intent(out) :: c
-    real(wp) :: x, xd, pressing
+    type(measured) :: now
+    real(wp) :: pressing
     integer :: side
-    call self%measure(p, x, xd, c%g)
-    side = merge(1, -1, x - self%upper >= self%lower - x)
+    call self%measure%measure(p, now)
+    side = merge(1, -1, now%x - self%upper >= self%lower - now%x)
     if (all(with%state /= [by_position, bilateral, stop_open])) side = sign(1, with%state)
-    c%depth = x - self%upper
-    if (side < 0) c%depth = self%lower - x
+    c%depth = now%x - self%upper
+    if (side < 0) c%depth = self%lower - now%x
     c%depth = c%depth - (1 - with%prestress)*max(side*self%assembled, 0.0_wp)
-    c%rate = side*xd
-    c%g = side*c%g
+    c%rate = side*now%rate
+    c%g = side*now%g
     pressing = self%factor(c%rate, with)
     c%state = with%state
     if (with%state == by_position) then
@@ -252,7 +240,6 @@ contains
     x%b = -c%force*c%g(4:6)
   end subroutine stop_act
 
-  !> With the gradient g and second derivative H of the penetration d: k = F_d g g' + F_d' g (H q')' + F H, c = F_d' g g'.
   !> At touching the stiffness is that of penetrations.
   pure subroutine stop_tangent(self, p, with, part, force, k)
     class(stop_model), intent(in) :: self
@@ -262,7 +249,7 @@ contains
     real(wp), intent(in) :: force          !! present force; the contact says it itself [N] or [N m]
     type(marker_stiffness), intent(inout) :: k
     type(stop_contact) :: c
-    real(wp) :: h(6, 6), turning(6), stiffness, damping
+    real(wp) :: turning(6), stiffness, damping
     k%k = 0.0_wp
     k%c = 0.0_wp
     if (with%state == stop_open) return
@@ -274,10 +261,8 @@ contains
       return
     end if
     if (abs(c%state) /= stop_touching) return
-    call self%slopes(p, with, c, stiffness, damping, turning)
-    call self%curvature(p, h)
-    k%k = part(1)*stiffness*outer(c%g, c%g) + part(2)*damping*outer(c%g, turning) + c%side*c%force*h
-    k%c = part(2)*damping*outer(c%g, c%g)
+    call self%slopes(p, with, c, stiffness, damping)
+    call self%tangent_along(p, part(1)*stiffness, part(2)*damping, c%side*c%force, k)
   end subroutine stop_tangent
 
   !> Its damping grows with its force: it sees the rates of all that it acts on.
@@ -287,23 +272,18 @@ contains
     list = self%components()
   end function stop_rate_components
 
-  !> Derivatives of the force by penetration and by its rate, and H q', those of the rate by the markers' motion.
-  pure subroutine slopes(self, p, with, c, stiffness, damping, turning)
+  !> Derivatives of the force by penetration and by its rate.
+  pure subroutine slopes(self, p, with, c, stiffness, damping)
     class(stop_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     type(stop_contact), intent(in) :: c
     real(wp), intent(out) :: stiffness, damping   !! [N/m], [N s/m] or [N m/rad], [N m s/rad]
-    real(wp), intent(out) :: turning(6)           !! [1/s], [m/s]
-    real(wp) :: h(6, 6)
     stiffness = 0.0_wp
     damping = 0.0_wp
-    turning = 0.0_wp
     if (abs(c%state) /= stop_touching) return
     stiffness = self%stiffness_at(c%depth)*self%factor(c%rate, with)
     damping = c%elastic*present_damping(self, with)
-    call self%curvature(p, h)
-    turning = c%side*matmul(h, [p%v(:, self%ia), p%rate(self%ia), p%v(:, self%ib), p%rate(self%ib)])
   end subroutine slopes
 
   !> K d^(n+1)/(n+1) [J].
@@ -357,9 +337,9 @@ contains
     class(stop_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     character(:), allocatable :: text
-    real(wp) :: x, xd, g(6)
-    call self%measure(p, x, xd, g)
-    text = 'measures '//to_text(x)//either(' rad', ' m', self%angular)//', allowed is'
+    type(measured) :: now
+    call self%measure%measure(p, now)
+    text = 'measures '//to_text(now%x)//either(' rad', ' m', self%angular)//', allowed is'
     if (self%lower > -huge(1.0_wp)) text = text//' from '//to_text(self%lower)
     if (self%upper < huge(1.0_wp)) text = text//' up to '//to_text(self%upper)
   end function measured_text
@@ -372,10 +352,10 @@ contains
     type(conditions), intent(in) :: with
     type(watched_roots), intent(out) :: watched
     type(stop_contact) :: c
-    real(wp) :: x, xd, g(6)
+    type(measured) :: now
     if (with%state == stop_open) then
-      call self%measure(p, x, xd, g)
-      call self%opening_root(x, xd, watched)
+      call self%measure%measure(p, now)
+      call distances(self, now%x, now%rate, watched)
     else if (self%rigid) then
       if (abs(with%state) == stop_touching) watched%g(1) = self%pressing(with)
       watched%rate(1) = huge(1.0_wp)
@@ -398,13 +378,16 @@ contains
     if (with%state == stop_open) watched%zero(2) = watched%zero(1)
   end subroutine stop_roots
 
-  !> The distances to both limits.
-  pure subroutine distance_to_limit(self, x, xd, watched)
+  !> The distances to both limits; of a pin in its hole (gap^2 - x^2)/(2 gap), smooth where they are concentric.
+  pure subroutine distances(self, x, xd, watched)
     class(stop_model), intent(in) :: self
     real(wp), intent(in) :: x              !! [m] or [rad]
     real(wp), intent(in) :: xd             !! [m/s] or [rad/s]
     type(watched_roots), intent(inout) :: watched
-    if (self%upper < huge(1.0_wp)) then
+    if (self%measure%radial) then
+      watched%g(1) = 0.5_wp*(self%upper - x)*(1 + x/self%upper)
+      watched%rate(1) = -xd*x/self%upper
+    else if (self%upper < huge(1.0_wp)) then
       watched%g(1) = self%upper - x
       watched%rate(1) = -xd
     end if
@@ -412,7 +395,7 @@ contains
       watched%g(2) = x - self%lower
       watched%rate(2) = xd
     end if
-  end subroutine distance_to_limit
+  end subroutine distances
 
   !> Touching keeps the speed of it, at least the floor; a contact that lets go and presses again keeps that of its touching.
   pure subroutine stop_switch(self, p, with, which, state, memory)
@@ -422,14 +405,14 @@ contains
     integer, intent(in) :: which           !! the root that fell to zero
     integer, intent(out) :: state
     real(wp), intent(out) :: memory        !! [m/s] or [rad/s]
-    real(wp) :: x, xd, g(6)
+    type(measured) :: now
     integer :: side
     memory = with%memory
     if (with%state == stop_open) then
-      call self%measure(p, x, xd, g)
+      call self%measure%measure(p, now)
       side = merge(1, -1, which == 1)
       state = side*stop_touching
-      memory = max(side*xd, self%slowest())
+      memory = max(side*now%rate, self%slowest())
     else if (which == 1) then
       state = stop_open
       memory = 0.0_wp
@@ -506,12 +489,4 @@ contains
     if (abs(state) == stop_rebound) word = word//'_rebound'
     if (state == stop_open) word = 'open'
   end function stop_word
-
-  !> Most quantities are linear in positions and angles.
-  pure subroutine no_curvature(self, p, h)
-    class(stop_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    real(wp), intent(out) :: h(6, 6)       !! second derivative of x [1/m], [-], [m]
-    h = 0.0_wp
-  end subroutine no_curvature
 end module stops

@@ -1,10 +1,11 @@
-!> Base of all joints and drives: rows of Phi(q, t) = 0 between two markers. A row's gradient with respect
-!> to each marker is a unit wrench: a direction n (global) on the marker's position and s on its section angle. A gear acts
+!> Joints and drives: rows of Phi(q, t) = 0 between two markers, weight (x - target), each with a measure x. A row's gradient with
+!> respect to each marker is a unit wrench: a direction n (global) on the marker's position and s on its section angle. A gear acts
 !> on the section angle of a third marker, too. Rows are in metres: angles count times the scene's size.
 module constraint
   use kinds, only: wp
   use history, only: breakpoint, drive_values, history_model
   use marker, only: marker_states
+  use measure, only: listed, measure_box, measure_model, measured
   use root_watch, only: watched_roots
   implicit none (type, external)
   private
@@ -18,6 +19,7 @@ module constraint
     real(wp), allocatable :: sc(:)        !! (n) of rows with a carrier: with respect to its section angle [m]
     real(wp), allocatable :: phi(:)       !! (n) Phi [m]
     real(wp), allocatable :: phi_t(:)     !! (n) its partial derivative in time [m/s]
+    logical :: begun = .false.            !! gradients that never change stand in it
     logical :: left_limit = .false.       !! jumps of histories at the time of evaluation do not act yet
     real(wp), allocatable :: acceleration_bias(:) !! (n) part of the second derivative beside the markers' accelerations [m/s2]
     logical, allocatable :: off(:)        !! (n) it holds nothing now; allocated where rows switch
@@ -44,37 +46,38 @@ module constraint
     real(wp) :: c(6, 6) = 0.0_wp          !! d(wrench on markers)/d(marker velocities) [N s/m ...]
   end type marker_stiffness
 
-  !> A joint or a drive.
-  type, abstract, public :: constraint_model
+  !> A joint or a drive: what it holds are its measures.
+  type, public :: constraint_model
     character(32) :: name = ''
     integer :: ia = 0, ib = 0             !! markers a and b
     integer :: ic = 0                     !! gears: marker of the carrier, 0: none
     integer :: first = 0                  !! its first row
     integer :: rows = 0                   !! number of rows
-    logical :: drive = .false.            !! depends on time
+    type(measure_box), allocatable :: measures(:)   !! of each row, and possibly others behind
+    logical :: drive = .false.            !! its one row depends on time
     real(wp) :: size = 1.0_wp             !! the scene's size, weight of angle rows [m]
     class(history_model), allocatable :: target   !! of drives
     logical :: rate = .false.             !! drives: the history gives the rate
-    real(wp) :: origin = 0.0_wp           !! drives: what the history, or its integral, is added to [m] or [rad]
-    logical :: pending = .false.          !! takes its value from the assembled positions; until then its one row holds nothing
-    logical :: angular = .false.          !! drives: the quantity is an angle
+    logical :: angular = .false.          !! its first measure is an angle
     integer :: switch_number = 0          !! its number among the elements that switch, 0: it holds always
     logical :: one_sided = .false.        !! rows that switch: it only pushes, at a limit
     integer :: parent = 0                 !! rows that switch: the joint whose markers it has, 0: they are its own
   contains
-    procedure(evaluate_rows), deferred :: evaluate
-    procedure :: geometric => no_geometric
-    procedure(list_actions), deferred :: acts_on   !! whether rows can act on x, y, section angle of marker a, then of b
-    procedure :: init_from_deck => keep_as_is !! takes what it needs from the markers of the deck
-    procedure :: init_from_assembly => settle !! takes what it needs from the assembled markers
-    procedure :: measure => no_quantity       !! the quantity that a drive prescribes
-    procedure :: start_value                  !! what a drive makes of it at t = 0
+    procedure :: hold
+    procedure :: attach
+    procedure, non_overridable :: evaluate
+    procedure, non_overridable :: is_plain
+    procedure :: geometric
+    procedure :: acts_on
+    procedure :: components
+    procedure :: line_turns
+    procedure :: init_from_assembly
+    procedure :: position
+    procedure :: weight
+    procedure, non_overridable :: prescribed
     procedure :: breakpoints => drive_breakpoints !! times at which accelerations are not smooth, with the order of their jump
-    procedure :: components => no_components   !! of the markers (1 to 3 of a, 4 to 6 of b) that `geometric` joins
-    procedure :: line_turns => has_no_line     !! whether it holds marker a on a line that turns with section b
-    procedure :: fault => no_fault             !! what is wrong with it as assembled; empty: nothing
-    procedure :: release_angle => holds_none   !! drops the row that keeps a relative angle, says whether there was one
-    procedure :: hold_angle               !! the row that keeps a relative angle
+    procedure :: fault
+    procedure :: release_angle
     procedure :: holds => always          !! whether the row of an element that switches holds in a state
     procedure :: relation => as_it_is     !! how it holds in a state, at a limit: as `friction_law` has states of rows
     procedure :: state_of => as_it_is     !! the state by that
@@ -89,87 +92,182 @@ module constraint
     class(constraint_model), allocatable :: item
   end type constraint_box
 
-  abstract interface
-    !> Fills this constraint's rows from the states of the markers.
-    pure subroutine evaluate_rows(self, t, p, r)
-      import :: constraint_model, marker_states, constraint_rows, wp
-      class(constraint_model), intent(in) :: self
-      real(wp), intent(in) :: t                     !! [s]
-      type(marker_states), intent(in) :: p
-      type(constraint_rows), intent(inout) :: r
-    end subroutine evaluate_rows
-
-    !> Components of the markers on which the rows may act, in any state.
-    pure function list_actions(self) result(yes)
-      import :: constraint_model
-      class(constraint_model), intent(in) :: self
-      logical :: yes(6)
-    end function list_actions
-  end interface
-
 contains
 
-  !> Second derivatives of lambda.Phi with respect to the states of both markers: zero, since most rows are linear in them.
-  pure subroutine no_geometric(self, p, lambda, k)
+  !> Adds a row that holds a measure at its datum.
+  subroutine hold(self, x, datum, pending)
+    class(constraint_model), intent(inout) :: self
+    class(measure_model), intent(in) :: x
+    real(wp), intent(in), optional :: datum       !! 0, where it is not given [m] or [rad]
+    logical, intent(in), optional :: pending      !! the datum follows from the assembled markers
+    type(measure_box), allocatable :: all(:)
+    integer :: k
+    allocate (all(self%rows + 1))
+    do k = 1, self%rows
+      call move_alloc(self%measures(k)%item, all(k)%item)
+    end do
+    self%rows = self%rows + 1
+    allocate (all(self%rows)%item, source=x)
+    if (present(datum)) all(self%rows)%item%datum = datum
+    if (present(pending)) all(self%rows)%item%pending = pending
+    call move_alloc(all, self%measures)
+    self%angular = self%measures(1)%item%angular
+  end subroutine hold
+
+  !> Gives it its markers.
+  subroutine attach(self, a, b, c)
+    class(constraint_model), intent(inout) :: self
+    integer, intent(in) :: a, b, c                !! c: 0, where it has no carrier
+    integer :: k
+    self%ia = a
+    self%ib = b
+    self%ic = c
+    do k = 1, self%rows
+      self%measures(k)%item%ia = a
+      self%measures(k)%item%ib = b
+      self%measures(k)%item%ic = c
+    end do
+  end subroutine attach
+
+  !> Whether a row is weight (x_a - x_b - datum) with positions along a direction that stays, or with section angles, at any time:
+  !> `constraint_values` evaluates all of these together, once their gradients are written.
+  pure logical function is_plain(self, k)
+    class(constraint_model), intent(in) :: self
+    integer, intent(in) :: k                      !! row of its own
+    associate (x => self%measures(k)%item)
+      is_plain = x%straight .and. .not. (self%drive .or. abs(x%carrier) > 0.0_wp)
+    end associate
+  end function is_plain
+
+  !> Fills one of its rows from the states of the markers. A gradient that never changes stands there already, once it is written.
+  pure subroutine evaluate(self, k, t, p, r)
+    class(constraint_model), intent(in) :: self
+    integer, intent(in) :: k                      !! row of its own
+    real(wp), intent(in) :: t                     !! [s]
+    type(marker_states), intent(in) :: p
+    type(constraint_rows), intent(inout) :: r
+    type(measured) :: now
+    real(wp) :: w, h(0:2)                         ! weight [-] or [m]; target
+    integer :: i
+    i = self%first + k - 1
+    associate (x => self%measures(k)%item)
+      if (x%pending) return
+      call x%measure(p, now)
+      w = 1.0_wp
+      if (x%angular) w = self%size
+      r%phi(i) = w*(now%x - x%datum)
+      if (.not. (x%straight .and. r%begun)) then
+        r%na(:, i) = w*now%g(1:2)
+        r%sa(i) = w*now%g(3)
+        r%nb(:, i) = w*now%g(4:5)
+        r%sb(i) = w*now%g(6)
+        r%sc(i) = w*x%carrier
+        r%acceleration_bias(i) = w*now%bias
+      end if
+      if (.not. self%drive) return
+      call self%prescribed(t, r%left_limit, h)
+      r%phi(i) = w*(now%x - h(0))
+      r%phi_t(i) = -w*h(1)
+      r%acceleration_bias(i) = w*(now%bias - h(2))
+    end associate
+  end subroutine evaluate
+
+  !> Second derivatives of lambda.Phi with respect to the states of both markers.
+  pure subroutine geometric(self, p, lambda, k)
     class(constraint_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: lambda(:)             !! multipliers of all rows [N]
     type(marker_stiffness), intent(inout) :: k    !! k%k is set
+    real(wp) :: h(6, 6)                           ! [1/m], [-], [m]
+    integer :: j
     k%k = 0.0_wp
-  end subroutine no_geometric
+    do j = 1, self%rows
+      associate (x => self%measures(j)%item)
+        if (x%straight) cycle
+        call x%curvature(p, h)
+        k%k = k%k + merge(self%size, 1.0_wp, x%angular)*lambda(self%first + j - 1)*h
+      end associate
+    end do
+  end subroutine geometric
 
-  !> Most rows are linear in positions and angles.
-  pure function no_components(self, grounded) result(list)
+  !> Whether rows can act on x, y, section angle of marker a, then of b.
+  pure function acts_on(self) result(yes)
     class(constraint_model), intent(in) :: self
-    logical, intent(in) :: grounded               !! marker b is fixed to the ground
-    integer, allocatable :: list(:)
-    allocate (list(0))
-  end function no_components
-
-  !> Most constraints have no line.
-  pure logical function has_no_line(self) result(yes)
-    class(constraint_model), intent(in) :: self
+    logical :: yes(6)
+    integer :: k
     yes = .false.
-  end function has_no_line
+    do k = 1, self%rows
+      yes = yes .or. self%measures(k)%item%acts_on()
+    end do
+  end function acts_on
 
-  !> Most constraints can hold wherever their markers are.
-  pure function no_fault(self, gap) result(text)
+  !> Components of the markers (1 to 3 of a, 4 to 6 of b) that `geometric` joins.
+  pure function components(self) result(list)
+    class(constraint_model), intent(in) :: self
+    integer, allocatable :: list(:)
+    logical :: bent(6)
+    integer :: k
+    bent = .false.
+    do k = 1, self%rows
+      if (.not. self%measures(k)%item%straight) bent = bent .or. self%measures(k)%item%acts_on()
+    end do
+    list = listed(bent)
+  end function components
+
+  !> Whether it holds marker a on a line that turns with section b.
+  pure logical function line_turns(self) result(yes)
+    class(constraint_model), intent(in) :: self
+    yes = any(self%components() == 6)
+  end function line_turns
+
+  !> Takes lengths and origins that the deck leaves open from the assembled markers.
+  subroutine init_from_assembly(self, p)
+    class(constraint_model), intent(inout) :: self
+    type(marker_states), intent(in) :: p
+    integer :: k
+    do k = 1, self%rows
+      call self%measures(k)%item%init_from_assembly(p, 0.0_wp)
+    end do
+  end subroutine init_from_assembly
+
+  !> What its first row measures.
+  pure real(wp) function position(self, p)        ! [m] or [rad]
+    class(constraint_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(measured) :: now
+    call self%measures(1)%item%measure(p, now)
+    position = now%x
+  end function position
+
+  !> Factor from its unit to metres.
+  pure real(wp) function weight(self)             ! [-] or [m]
+    class(constraint_model), intent(in) :: self
+    weight = merge(self%size, 1.0_wp, self%angular)
+  end function weight
+
+  !> What a drive prescribes, with two derivatives.
+  pure subroutine prescribed(self, t, left_limit, h)
+    class(constraint_model), intent(in) :: self
+    real(wp), intent(in) :: t                     !! [s]
+    logical, intent(in) :: left_limit             !! limit from below
+    real(wp), intent(out) :: h(0:2)               !! [m, rad], per s, per s2
+    call drive_values(self%target, self%rate, self%measures(1)%item%datum, t, left_limit, h)
+  end subroutine prescribed
+
+  !> A link without a length has no direction.
+  pure function fault(self, gap) result(text)
     class(constraint_model), intent(in) :: self
     real(wp), intent(in) :: gap                   !! distance up to which markers coincide [m]
     character(:), allocatable :: text
+    integer :: k
     text = ''
-  end function no_fault
-
-  !> Most constraints take nothing from the positions of the deck.
-  subroutine keep_as_is(self, p)
-    class(constraint_model), intent(inout) :: self
-    type(marker_states), intent(in) :: p
-  end subroutine keep_as_is
-
-  !> A relative drive takes the assembled value.
-  subroutine settle(self, p)
-    class(constraint_model), intent(inout) :: self
-    type(marker_states), intent(in) :: p
-    if (self%pending) self%origin = self%measure(p)
-    self%pending = .false.
-  end subroutine settle
-
-  !> Joints prescribe no quantity.
-  pure function no_quantity(self, p) result(x)
-    class(constraint_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    real(wp) :: x                                 !! [m] or [rad]
-    x = 0.0_wp
-  end function no_quantity
-
-  !> Value that a drive prescribes at t = 0.
-  pure function start_value(self) result(x)
-    class(constraint_model), intent(in) :: self
-    real(wp) :: x                                 !! [m] or [rad]
-    real(wp) :: h(0:2)
-    call drive_values(self%target, self%rate, self%origin, 0.0_wp, .false., h)
-    x = h(0)
-  end function start_value
+    do k = 1, self%rows
+      associate (x => self%measures(k)%item)
+        if (x%radial .and. x%datum <= gap) text = 'its markers coincide, so that the link between them has no length; expected '// &
+          'two markers apart, or type=''revolute'''
+      end associate
+    end do
+  end function fault
 
   !> The breakpoints of a drive's history: accelerations jump two orders below the quantity, one below its rate. Joints have none.
   pure function drive_breakpoints(self, until) result(list)
@@ -182,12 +280,13 @@ contains
     list%order = max(0, list%order - merge(1, 2, self%rate))
   end function drive_breakpoints
 
-  !> Most constraints keep no relative angle.
-  subroutine holds_none(self, released)
+  !> Drops the row that keeps a relative angle, says whether there was one: a weld becomes a pin, a prismatic joint a slider.
+  subroutine release_angle(self, released)
     class(constraint_model), intent(inout) :: self
     logical, intent(out) :: released
-    released = .false.
-  end subroutine holds_none
+    released = self%rows > 1 .and. self%measures(self%rows)%item%angular
+    if (released) self%rows = self%rows - 1
+  end subroutine release_angle
 
   !> Most rows hold always.
   pure logical function always(self, state) result(yes)
@@ -218,7 +317,7 @@ contains
     class(constraint_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     integer, intent(in) :: side                   !! limit of a stop
-    x = self%measure(p)
+    x = self%weight()*self%position(p)
   end function present_place
 
   !> Most rows watch nothing.
@@ -237,16 +336,4 @@ contains
     character(:), allocatable :: word
     word = 'none'
   end function no_word
-
-  !> One row: the angle of section a minus that of section b stays as it is.
-  pure subroutine hold_angle(self, i, angle, p, r)
-    class(constraint_model), intent(in) :: self
-    integer, intent(in) :: i                      !! row
-    real(wp), intent(in) :: angle                 !! relative angle [rad]
-    type(marker_states), intent(in) :: p
-    type(constraint_rows), intent(inout) :: r
-    r%sa(i) = self%size
-    r%sb(i) = -self%size
-    r%phi(i) = self%size*(p%angle(self%ia) - p%angle(self%ib) - angle)
-  end subroutine hold_angle
 end module constraint

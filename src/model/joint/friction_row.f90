@@ -3,59 +3,23 @@
 !> its multiplier is what `friction_law` says.
 module friction_row
   use kinds, only: wp
-  use constraint, only: constraint_rows, row_motion
+  use constraint, only: constraint_model, row_motion
   use friction_law, only: coulomb_law, most_pads, row_stuck, row_slips
-  use line_joint, only: line_model
-  use marker, only: marker_states
   use root_watch, only: watched_roots, resting, root_rounding
   implicit none (type, external)
   private
 
   !> The row.
-  type, extends(line_model), public :: friction_model
+  type, extends(constraint_model), public :: friction_model
     type(coulomb_law) :: law
   contains
-    procedure :: evaluate => friction_rows
-    procedure :: acts_on => friction_acts_on
-    procedure :: components => friction_components
     procedure :: holds => friction_holds
     procedure :: bounds => static_limit
     procedure :: roots => friction_roots
     procedure :: state_word => friction_word
-    procedure :: measure => way
   end type friction_model
 
 contains
-
-  !> The row, whatever its state.
-  pure subroutine friction_rows(self, t, p, r)
-    class(friction_model), intent(in) :: self
-    real(wp), intent(in) :: t   !! [s]
-    type(marker_states), intent(in) :: p
-    type(constraint_rows), intent(inout) :: r
-    if (self%angular) then
-      call self%hold_angle(self%first, 0.0_wp, p, r)
-    else
-      call self%line_model%evaluate(t, p, r)
-    end if
-  end subroutine friction_rows
-
-  !> On angles, or as a line.
-  pure function friction_acts_on(self) result(yes)
-    class(friction_model), intent(in) :: self
-    logical :: yes(6)
-    yes = [.false., .false., .true., .false., .false., .true.]
-    if (.not. self%angular) yes = self%line_model%acts_on()
-  end function friction_acts_on
-
-  !> An angle is linear.
-  pure function friction_components(self, grounded) result(list)
-    class(friction_model), intent(in) :: self
-    logical, intent(in) :: grounded
-    integer, allocatable :: list(:)
-    list = self%line_model%components(grounded)
-    if (self%angular) list = list(:0)
-  end function friction_components
 
   !> It holds while it sticks.
   pure logical function friction_holds(self, state) result(yes)
@@ -107,17 +71,6 @@ contains
       watched%zero(1) = root_rounding*resting*self%size
     end select
   end subroutine friction_roots
-
-  !> What the row measures.
-  pure real(wp) function way(self, p) result(x)   ! [m]
-    class(friction_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    if (self%angular) then
-      x = self%size*(p%angle(self%ia) - p%angle(self%ib))
-    else
-      x = self%line_model%measure(p)
-    end if
-  end function way
 
   !> A state in a word.
   pure function friction_word(self, state) result(word)

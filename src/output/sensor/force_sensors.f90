@@ -3,6 +3,7 @@ module force_sensors
   use kinds, only: wp
   use evaluation_results, only: conditions_of
   use force_element, only: conditions
+  use measure, only: measured
   use sensor, only: observation, sensor_model, harmonic_motion, pair_motion
   use springs, only: spring_model
   use stops, only: stop_contact, stop_model, stop_touching
@@ -32,12 +33,13 @@ contains
     class(spring_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! [N], [m] or [N m], [rad]
-    real(wp) :: rate, e(3)
-    x(1) = at%ev%action(self%element)%force
-    associate (f => at%m%s%forces(self%element)%item)
-      call f%deformation(at%ev%p, x(2), rate, e)
-      x(2) = x(2) - f%unprestressed(at%ev%options%prestress)
-    end associate
+    type(measured) :: now
+    x(1:2) = [at%ev%action(self%element)%force, 0.0_wp]
+    select type (f => at%m%s%forces(self%element)%item)
+    class is (spring_model)
+      now = f%deformation(at%ev%p)
+      x(2) = now%x - f%unprestressed(at%ev%options%prestress)
+    end select
   end subroutine read_spring
 
   !> With its stiffness at s.
@@ -46,12 +48,13 @@ contains
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [N], [m] or [N m], [rad]
-    real(wp) :: d, rate, e(3), stiffness
+    type(measured) :: now
+    real(wp) :: stiffness
     select type (f => at%m%s%forces(self%element)%item)
     class is (spring_model)
-      call f%deformation(at%ev%p, d, rate, e)
-      stiffness = f%present_stiffness(conditions_of(at%m, at%ev, self%element), d)
-      x(2) = sum([e, -e]*pair_motion(at, f%ia, f%ib, motion%x))
+      now = f%deformation(at%ev%p)
+      stiffness = f%present_stiffness(conditions_of(at%m, at%ev, self%element), now%x)
+      x(2) = sum(now%g*pair_motion(at, f%ia, f%ib, motion%x))
       x(1) = (stiffness*(1 + f%law%ratio(motion%s)) + motion%s*f%damping)*x(2)
     end select
   end subroutine spring_amplitude
@@ -82,16 +85,16 @@ contains
     complex(wp), intent(inout) :: x(:)        !! [N], [m], [-] or [N m], [rad], [-]
     type(stop_contact) :: c
     type(conditions) :: with
-    real(wp) :: stiffness, damping, turning(6)
+    real(wp) :: stiffness, damping
     complex(wp) :: u(6), depth                ! [m], [rad]
     select type (f => at%m%s%forces(self%element)%item)
     class is (stop_model)
       with = conditions_of(at%m, at%ev, self%element)
       call f%contact(at%ev%p, with, c)
-      call f%slopes(at%ev%p, with, c, stiffness, damping, turning)
+      call f%slopes(at%ev%p, with, c, stiffness, damping)
       u = pair_motion(at, f%ia, f%ib, motion%x)
       depth = sum(c%g*u)
-      x(1) = stiffness*depth + damping*(motion%s*depth + sum(turning*u))
+      x(1) = stiffness*depth + damping*(motion%s*depth + c%side*sum(f%measure%turning(at%ev%p)*u))
       x(2) = -depth
       x(3) = 0.0_wp
     end select

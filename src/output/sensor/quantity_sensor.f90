@@ -2,14 +2,14 @@
 !> turn of its axes.
 module quantity_sensor
   use kinds, only: wp
-  use quantity, only: quantity_box
+  use measure, only: measure_box
   use sensor, only: observation, sensor_model, harmonic_motion, marker_moves
   implicit none (type, external)
   private
 
   !> One quantity a column.
   type, extends(sensor_model), public :: quantity_sensor_model
-    type(quantity_box), allocatable :: columns(:)
+    type(measure_box), allocatable :: columns(:)
   contains
     procedure :: read => read_quantities
     procedure :: respond

@@ -69,7 +69,7 @@ contains
     real(wp) :: unit                          ! of the row in those of its motion [-], [m]
     associate (row => at%m%s%constraints(self%constraint)%item, law => at%m%s%friction(self%constraint - at%m%s%permanent))
       associate (r => at%ev%rows, p => at%ev%p, i => row%first, state => at%ev%switches%state(row%switch_number))
-        unit = merge(row%size, 1.0_wp, row%angular)
+        unit = row%weight()
         x(1) = -unit*at%ev%lambda(i)
         x(2) = (dot_product(r%na(:, i), p%v(:, row%ia)) + dot_product(r%nb(:, i), p%v(:, row%ib)) &
                 + r%sa(i)*p%rate(row%ia) + r%sb(i)*p%rate(row%ib))/unit
@@ -89,7 +89,7 @@ contains
     x(1:4) = 0.0_wp
     associate (row => at%m%s%constraints(self%constraint)%item)
       associate (r => at%ev%rows, i => row%first)
-        unit = merge(row%size, 1.0_wp, row%angular)
+        unit = row%weight()
         if (r%off(i)) then
           x(2) = motion%s*sum([r%na(:, i), r%sa(i), r%nb(:, i), r%sb(i)]*pair_motion(at, row%ia, row%ib, motion%x))/unit
         else

@@ -15,7 +15,7 @@ module sensors
   use force_sensors, only: spring_sensor_model, stop_sensor_model
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
-  use quantity, only: quantity_model
+  use measure, only: measure_model
   use quantity_sensor, only: quantity_sensor_model
   use row_sensors, only: friction_sensor_model, reaction_sensor_model
   use section_sensors, only: section_sensor_model, stress_sensor_model
@@ -147,7 +147,7 @@ contains
 
   !> Unit of a quantity of motion, in brackets.
   pure function unit_of(q) result(unit)
-    class(quantity_model), intent(in) :: q
+    class(measure_model), intent(in) :: q
     character(:), allocatable :: unit
     unit = '[m'
     if (q%angular) unit = '[rad'

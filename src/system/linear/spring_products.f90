@@ -4,6 +4,7 @@ module spring_products
   use kinds, only: wp
   use constraint, only: marker_stiffness
   use evaluation_results, only: conditions_of, evaluation
+  use measure, only: measured
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
@@ -106,13 +107,14 @@ contains
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: d(3)               !! of a relative to b [m], [m], [rad]
-    real(wp) :: s(3), e(3), now, rate
+    type(measured) :: now
+    real(wp) :: s(3)
     associate (f => m%s%forces(k)%item)
       if (f%in_all_directions()) then
         s = [d(1:2), 0.0_wp]
       else
-        call f%deformation(ev%p, now, rate, e)
-        s = dot_product(e, d)*e
+        now = f%deformation(ev%p)
+        s = dot_product(now%g(1:3), d)*now%g(1:3)
       end if
     end associate
   end function stretch

@@ -13,17 +13,27 @@ contains
   subroutine collect_incidence(self, schur)
     type(mechanism_model), intent(inout) :: self
     type(multiplier_system), intent(out) :: schur
-    integer :: k, i
+    integer, allocatable :: others(:)
+    integer :: k, i, row
     associate (at => self%incidence)
       call at%begin(3*self%s%rows)
       call at%add_constraints(self%s)
       call at%sort(size(self%s%bodies))
       allocate (at%row_marker(2, self%s%rows))
-      allocate (at%carried(0), at%carrier(0))
+      allocate (at%carried(0), at%carrier(0), at%places(0), at%angles(0), others(0), at%datum(self%s%rows))
       do k = 1, size(self%s%constraints)
         associate (c => self%s%constraints(k)%item)
-          do i = c%first, c%first + c%rows - 1
-            at%row_marker(:, i) = [c%ia, c%ib]
+          do i = 1, c%rows
+            row = c%first + i - 1
+            at%row_marker(:, row) = [c%ia, c%ib]
+            at%datum(row) = c%measures(i)%item%datum
+            if (.not. c%is_plain(i)) then
+              others = [others, k, i]
+            else if (c%measures(i)%item%angular) then
+              at%angles = [at%angles, row]
+            else
+              at%places = [at%places, row]
+            end if
           end do
           if (c%ic > 0) then
             at%carried = [at%carried, c%first]
@@ -31,6 +41,7 @@ contains
           end if
         end associate
       end do
+      at%others = reshape(others, [2, size(others)/2])
     end associate
     call order_rows(self, schur)
   end subroutine collect_incidence

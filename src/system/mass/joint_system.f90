@@ -21,15 +21,47 @@ contains
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
     real(wp), intent(in) :: t               !! [s]
-    integer :: k
+    integer :: i, k, n
     ev%rows%left_limit = options%left_limit
-    do k = 1, size(self%s%constraints)
-      associate (c => self%s%constraints(k)%item)
-        if (.not. c%pending) call c%evaluate(t, ev%p, ev%rows)
-      end associate
-    end do
+    n = size(ev%p%angle)
+    associate (at => self%incidence, all => self%s%constraints)
+      if (.not. ev%rows%begun) then
+        do k = 1, size(all)
+          do i = 1, all(k)%item%rows
+            call all(k)%item%evaluate(i, t, ev%p, ev%rows)
+          end do
+        end do
+        ev%rows%begun = .true.
+      end if
+      call plain_values(size(at%places), at%places, size(at%angles), at%angles, self%s%rows, at%row_marker, at%datum, &
+                        ev%rows%na, ev%rows%sa, n, ev%p%r, ev%p%angle, ev%rows%phi)
+      do k = 1, size(at%others, 2)
+        call all(at%others(1, k))%item%evaluate(at%others(2, k), t, ev%p, ev%rows)
+      end do
+    end associate
     if (allocated(ev%rows%off)) call switch_rows(self, ev)
   end subroutine constraint_values
+
+  !> Phi of plain rows.
+  pure subroutine plain_values(np, places, na, angles, rows, marker, datum, n, s, nm, r, angle, phi)
+    integer, intent(in) :: np, na, rows, nm
+    integer, intent(in) :: places(np), angles(na), marker(2, rows)
+    real(wp), intent(in) :: datum(rows)               !! [m] or [rad]
+    real(wp), intent(in) :: n(2, rows), s(rows)       !! gradients by marker a [-], [m]
+    real(wp), intent(in) :: r(2, nm), angle(nm)       !! of all markers [m], [rad]
+    real(wp), intent(inout) :: phi(rows)              !! [m]
+    integer :: k, i
+    do k = 1, np
+      i = places(k)
+      associate (a => marker(1, i), b => marker(2, i))
+        phi(i) = n(1, i)*(r(1, a) - r(1, b)) + n(2, i)*(r(2, a) - r(2, b)) - datum(i)
+      end associate
+    end do
+    do k = 1, na
+      i = angles(k)
+      phi(i) = s(i)*(angle(marker(1, i)) - angle(marker(2, i)) - datum(i))
+    end do
+  end subroutine plain_values
 
   !> Which rows hold in their present states. These are measured from the position at which they began to hold. Rows that are off
   !> keep their gradients, for the forces that act along them.

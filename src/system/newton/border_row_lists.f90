@@ -3,6 +3,7 @@
 module border_row_lists
   use kinds, only: wp
   use force_element, only: idle
+  use measure, only: listed
   use mechanism, only: mechanism_model
   use row_sides, only: side_list
   use ordering, only: reverse_cuthill_mckee
@@ -76,7 +77,7 @@ contains
     n = 0
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
-        components = c%components(m%s%markers(c%ib)%body == 0)
+        components = c%components()
         if (size(components) > 0) call add_law(from_joint, k, [c%ia, c%ib], components, [c%ia, c%ib], components)
       end associate
     end do
@@ -91,8 +92,8 @@ contains
         end if
         if (.not. allocated(f%argument)) cycle
         associate (x => f%argument)
-          call add_law(from_argument, k, [f%ia, f%ib], pack([1, 2, 3, 4, 5, 6], f%acts_on()), [x%ia, x%ib], x%components())
-          if (x%rate) call add_rates(all(n), [x%ia, x%ib], x%components())
+          call add_law(from_argument, k, [f%ia, f%ib], listed(f%acts_on()), [x%ia, x%ib], listed(x%acts_on()))
+          if (x%rate) call add_rates(all(n), [x%ia, x%ib], listed(x%acts_on()))
         end associate
       end associate
     end do

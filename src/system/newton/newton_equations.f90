@@ -9,6 +9,7 @@ module newton_equations
   use dynamics, only: marker_kinematics, constraint_values, applied_forces
   use evaluation_settings, only: evaluation_options
   use evaluation_results, only: evaluation
+  use measure, only: measured
   use mechanism, only: mechanism_model
   use newton_condensation, only: add_tangent, condense
   use newton_system, only: newton_matrix
@@ -121,13 +122,13 @@ contains
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp) :: d, dd, e(3)
+    type(measured) :: now
     integer :: k
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
         if (t%element == 0) cycle
-        call m%s%forces(t%element)%item%deformation(ev%p, d, dd, e)
-        self%element_z(t%first) = t%g*d + self%offset(t%first)
+        now = m%s%forces(t%element)%item%deformation(ev%p)
+        self%element_z(t%first) = t%g*now%x + self%offset(t%first)
       end associate
     end do
     if (size(m%s%controllers) > 0) call control_states(m, ev, self%t%c2, self%stages, self%offset, self%element_z)

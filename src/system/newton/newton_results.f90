@@ -8,6 +8,7 @@ module newton_results
   use elastic_operators, only: add_product, elastic_mass => mass_product
   use condensed_terms, only: term_product
   use evaluation_results, only: evaluation, powers_of
+  use measure, only: measured
   use mechanism, only: mechanism_model
   use newton_system, only: newton_matrix
   implicit none (type, external)
@@ -23,7 +24,7 @@ contains
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(out), contiguous :: delta(:)             !! (nz) [m, rad]
-    real(wp) :: dd, e(3)
+    type(measured) :: now
     integer :: k, b
     if (size(self%terms) == 0) return
     if (any(self%terms%element > 0)) then
@@ -34,7 +35,8 @@ contains
       associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
         b = t%body
         if (b == 0) then
-          call m%s%forces(t%element)%item%deformation(ev%p, delta(i), dd, e)
+          now = m%s%forces(t%element)%item%deformation(ev%p)
+          delta(i) = now%x
         else
           associate (segment => m%s%bodies(b)%segments(t%segment))
             call flatten(j - i + 1, self%eq(b)%w%d(:, segment%first:segment%last), delta(i:j))
@@ -77,7 +79,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(inout), contiguous :: zd(:)              !! (nz) [m/s, rad/s], of second order: untouched
     real(wp), intent(inout), contiguous :: a(:)               !! (nz) [m/s2, rad/s2], of second order: untouched
-    real(wp) :: d, dd, e(3)
+    type(measured) :: now
     integer :: k, side
     if (m%s%nz == m%s%nzd) return
     zd(m%s%nzd + 1:) = ev%zdd(m%s%nzd + 1:)
@@ -88,8 +90,8 @@ contains
         associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
           if (i <= m%s%nzd) cycle
           if (t%body == 0) then
-            call m%s%forces(t%element)%item%deformation(ev%p, d, dd, e)
-            a(i) = a(i) + 0.5_wp*dd
+            now = m%s%forces(t%element)%item%deformation(ev%p)
+            a(i) = a(i) + 0.5_wp*now%rate
           else
             associate (segment => m%s%bodies(t%body)%segments(t%segment))
               a(i:j) = a(i:j) + 0.5_wp*side*reshape(self%eq(t%body)%w%d(:, segment%first:segment%last), [j - i + 1])
