@@ -10,6 +10,7 @@ module step_control
   real(wp), parameter :: most_shrink = 0.2_wp, most_growth = 10.0_wp   !! bounds on the change of a step [-]
   real(wp), parameter :: integral = 0.04_wp   !! weight of the last error: beta of the reference [-]
   real(wp), parameter :: least_remembered = 1.0e-4_wp   !! a smaller error of the last step counts as this [-]
+  real(wp), parameter, public :: value_rounding = 16*epsilon(1.0_wp)   !! of a value in its last digits [-]
   real(wp), parameter :: digits_moved = 16.0_wp   !! last digits by which the state changes where rounding is measured [-]
 
   !> Groups of unknowns that share a scale: the largest value that the group has had, or its floor if that is larger.
@@ -81,7 +82,7 @@ contains
     real(wp), intent(in) :: e(:), dy(:)       !! (n) errors of derivatives, derivatives at the end of the step [unit/s]
     real(wp), intent(in) :: h, length         !! step, the whole run [s]
     real(wp), intent(in) :: tolerance         !! [-]
-    real(wp), parameter :: rounding = 16*epsilon(1.0_wp), least = 1.0e-6_wp
+    real(wp), parameter :: least = 1.0e-6_wp
     integer :: k
     self%scale = self%steepest
     do k = 1, size(dy)
@@ -89,7 +90,7 @@ contains
     end do
     self%scale = max(self%scale, max(least*maxval(self%scale/self%floor, self%slope), 1/length**2)*self%floor)
     self%scale = tolerance*self%scale + maxval(self%noise/self%floor, self%slope)*self%floor &
-                 + rounding*h*self%fastest**2*self%largest + tiny(1.0_wp)
+                 + value_rounding*h*self%fastest**2*self%largest + tiny(1.0_wp)
     worst = 0.0_wp
     do k = 1, size(e)
       if (self%group(k) == 0) cycle

@@ -26,6 +26,8 @@ module mechanism_ode
   implicit none (type, external)
   private
 
+  real(wp), parameter :: weak_pivot = 1.0e-2_wp   !! of rows near a singular position: what they enlarge is rounding [-]
+
   !> The system.
   type, extends(switching_mechanism), public :: mechanism_system
     type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
@@ -182,7 +184,7 @@ contains
     logical :: bad
     self%shift = merge(light_shift, least_shift, self%m%redundant)
     if (regularise) self%shift = merge(stage_shift, strong_shift, allocated(self%stages))
-    self%t%t%rows%held = merge(self%shift, 0.0_wp, self%m%redundant .and. .not. regularise)
+    self%t%t%rows%held = merge(self%shift, 0.0_wp, merge(allocated(self%stages), self%m%redundant, regularise))
     if (allocated(self%stages)) self%stages%rows%held = self%t%t%rows%held
     call set_gains(self)
     call take_residual(self%t%t, self%m, self%ev, r)
@@ -193,6 +195,8 @@ contains
       call condense_complex(self%stages, self%m, self%ev, self%t%eq, v, a, lambda, exact, self%shift, bad)
     end if
     self%least_pivot = self%t%t%rows%least_pivot
+    self%enlargement = merge(1.0_wp, 0.0_wp, self%m%redundant)
+    if (.not. self%m%redundant .and. self%least_pivot < weak_pivot) self%enlargement = 1/sqrt(max(self%least_pivot, self%shift))
     self%rounding_scale = rounding_scale_of(self%m, self%ev, q)
     ok = .not. bad
   end subroutine mechanism_renew
@@ -219,7 +223,7 @@ contains
     real(wp), intent(in), contiguous :: r(:)          !! (nq) [N, N m]
     real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
     real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
-    real(wp), intent(inout), contiguous :: dlambda(:)   !! (rows) multipliers, then their correction [N]
+    real(wp), intent(inout), contiguous :: dlambda(:)   !! (rows) multipliers over their held values, then corrections [N]
     if (.not. self%t%t%solved) call take_residual(self%t%t, self%m, self%ev, r)
     call correction(self%t%t, self%m, self%ev, gap, dq, dlambda)
     dlambda = self%t%t%rows%y(1:self%rows)
@@ -231,7 +235,7 @@ contains
     complex(wp), intent(in), contiguous :: r(:)         !! (nq) [N, N m]
     complex(wp), intent(in), contiguous :: gap(:)       !! (rows) [m]
     complex(wp), intent(out), contiguous :: dq(:)       !! (nq) [m, rad]
-    complex(wp), intent(inout), contiguous :: dlambda(:)  !! (rows) multipliers, then their correction [N]
+    complex(wp), intent(inout), contiguous :: dlambda(:)  !! (rows) multipliers over their held values, then corrections [N]
     if (.not. self%stages%solved) call take_complex(self%stages, self%m, self%ev, r)
     call correct_complex(self%stages, self%m, self%ev, gap, dq, dlambda)
     dlambda = self%stages%rows%y(1:self%rows)

@@ -50,7 +50,7 @@ contains
         w%e(1:nq) = w%dq(:, 1)
         w%e(nq + 1:2*nq) = c2*w%dq(:, 1) - w%rate_gap
         call internal_part(self, system, c2)
-        error = norm%measure(w%e, y, self%h, tolerance)
+        error = norm%measure(w%e, y, self%h, tolerance, w%rounding)
         if (.not. error < huge(1.0_wp)) error = huge(1.0_wp)
         if (pass == 2 .or. .not. filter_twice .or. error < 1.0_wp .or. .not. error < huge(1.0_wp)) exit
         w%q = self%q0 + w%e(1:nq)

@@ -9,7 +9,7 @@ module radau_stages
   use archive, only: value_archive
   use radau_method, only: radau_tableau, lagrange_weights
   use second_order_system, only: second_order_ode
-  use step_control, only: error_norm
+  use step_control, only: error_norm, value_rounding
   implicit none (type, external)
   private
   public :: set_up_stages, start_stages, solve_stages, exchange_stages
@@ -65,7 +65,9 @@ module radau_stages
     real(wp), allocatable :: dq(:, :), dv(:, :)          !! (nq, 3) corrections [m, rad], [m/s, rad/s]
     complex(wp), allocatable :: r_part(:), gap_part(:), dq_part(:), dlambda_part(:)   !! complex part [N, m/s, m, N, ...]
     real(wp), allocatable :: r_real(:), gap_real(:), dlambda(:)   !! real part [N, N m], [m/s], [N]
+    real(wp), allocatable :: held(:, :)       !! (rows, 3) at which the iteration holds what rows leave open of the multipliers [N]
     real(wp), allocatable :: mu(:, :)         !! (rows, 1) of what puts the end onto the constraints [N] and its derivatives
+    real(wp), allocatable :: rounding(:)     !! (n) what rounding of positions makes of them [unit of each unknown]
     real(wp), allocatable :: e(:), y(:)      !! (n) [unit of each unknown]
     real(wp), allocatable :: q(:), v(:), a(:), rate_gap(:)   !! (nq) of the error estimate [m, rad], rates, accelerations, rates
     real(wp), allocatable :: pairs(:, :)     !! (nq + nz, 4) of the energy removed [any]
@@ -94,8 +96,9 @@ contains
       associate (w => self%work)
         allocate (w%r(nq, 3), w%gap(rows, 3), w%dq(nq, 3), w%dv(nq, 3), w%e(system%n), source=0.0_wp)
         allocate (w%r_part(nq), w%gap_part(rows), w%dq_part(nq), w%dlambda_part(rows), w%r_real(nq), w%gap_real(rows), &
-                  w%dlambda(rows), w%mu(rows, 1))
+                  w%dlambda(rows), w%mu(rows, 1), w%held(rows, 3))
         w%y = w%e
+        w%rounding = w%e
         allocate (w%q(nq), w%v(nq), w%a(nq), w%rate_gap(nq), w%pairs(nq + nz, 4), source=0.0_wp)
       end associate
     end associate
@@ -277,7 +280,8 @@ contains
     call newton(self, system, norm, tolerance, .true., .true., ok)
   end subroutine solve_stages
 
-  !> Newton iterations from the prediction.
+  !> Newton iterations from the prediction. Over a singular position a row's direction changes sign between the stages: with one
+  !> matrix for all, corrections along it grow. Regularised rows leave its multiplier at the prediction there.
   subroutine newton(self, system, norm, tolerance, regularise, renew_first, ok)
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -296,6 +300,7 @@ contains
     theta = 0.0_wp
     eta = max(self%eta, epsilon(1.0_wp))**0.8_wp
     goal = fixed_goal
+    self%work%held = merge(self%lambda, 0.0_wp, regularise)
     if (tolerance > 0.0_wp) goal = tolerance*max(10*epsilon(1.0_wp)/tolerance, min(0.03_wp, sqrt(tolerance)))
     do k = 1, most_iterations
       call stage_residuals(self, system)
@@ -308,7 +313,7 @@ contains
         before = huge(1.0_wp)
       end if
       call correct(self, system)
-      d = size_of_correction(self, norm)
+      d = size_of_correction(self, system, norm, goal)
       if (.not. d < 1.0e3_wp) exit
       if (k == 1 .and. .not. tolerance > 0.0_wp) goal = min(goal, fixed_reduction*d)
       if (before < huge(1.0_wp)) then
@@ -316,7 +321,7 @@ contains
         eta = 1/epsilon(1.0_wp)
         if (theta < 1.0_wp) eta = theta/(1 - theta)
         slowly = slowly .or. (theta > full_block_contraction .and. d > noise)
-        ok = theta > slow .and. d <= noise
+        ok = theta > slow .and. d <= noise .and. (theta < 1.0_wp .or. regularise)
         if (theta >= 1.0_wp .and. renewed .and. .not. ok) exit
       end if
       ok = ok .or. eta*d <= goal .or. d <= epsilon(1.0_wp)
@@ -371,8 +376,12 @@ contains
       f = real(m%from(1, :)/c2(1), wp)
       w%gap_real = f(1)*w%gap(:, 1) + f(2)*w%gap(:, 2) + f(3)*w%gap(:, 3)
       f = real(m%from(1, :), wp)
-      w%dlambda = f(1)*self%lambda(:, 1) + f(2)*self%lambda(:, 2) + f(3)*self%lambda(:, 3)
-      w%dlambda_part = m%from(2, 1)*self%lambda(:, 1) + m%from(2, 2)*self%lambda(:, 2) + m%from(2, 3)*self%lambda(:, 3)
+      w%dlambda = 0.0_wp
+      w%dlambda_part = 0.0_wp
+      do i = 1, 3
+        w%dlambda = w%dlambda + f(i)*(self%lambda(:, i) - w%held(:, i))
+        w%dlambda_part = w%dlambda_part + m%from(2, i)*(self%lambda(:, i) - w%held(:, i))
+      end do
       w%gap_part = (m%from(2, 1)*w%gap(:, 1) + m%from(2, 2)*w%gap(:, 2) + m%from(2, 3)*w%gap(:, 3))/c2(2)
       call system%correction(w%r_real, w%gap_real, w%dq(:, 1), w%dlambda)
       call system%complex_correction(w%r_part, w%gap_part, w%dq_part, w%dlambda_part)
@@ -388,10 +397,13 @@ contains
   end subroutine correct
 
   !> The largest correction of a position or rate over its scale [-].
-  real(wp) function size_of_correction(self, norm) result(d)
+  real(wp) function size_of_correction(self, system, norm, goal) result(d)
     type(radau_stage_values), intent(inout) :: self
+    class(second_order_ode), intent(in) :: system
     type(error_norm), intent(inout) :: norm
+    real(wp), intent(in) :: goal             !! [-]
     integer :: i
+    call find_rounding(self, system)
     associate (w => self%work, nq => self%nq)
       do i = 1, nq
         w%e(i) = max(abs(w%dq(i, 1)), abs(w%dq(i, 2)), abs(w%dq(i, 3)))
@@ -399,10 +411,20 @@ contains
       end do
       w%y(1:nq) = self%q(:, 3)
       w%y(nq + 1:2*nq) = self%v(:, 3)
-      d = norm%measure(w%e(1:2*nq), w%y(1:2*nq), self%h, 1.0_wp)
+      d = goal*norm%measure(w%e(1:2*nq), w%y(1:2*nq), self%h, goal, w%rounding(1:2*nq))
       if (.not. all(abs(w%dq) < huge(1.0_wp))) d = huge(1.0_wp)
     end associate
   end function size_of_correction
+
+  !> Rounding of positions near a singular position, where rows enlarge it, and of the rates that a step makes of them.
+  subroutine find_rounding(self, system)
+    type(radau_stage_values), intent(inout) :: self
+    class(second_order_ode), intent(in) :: system
+    associate (w => self%work, nq => self%nq)
+      w%rounding(1:nq) = value_rounding*system%enlargement*abs(self%q(:, 3))
+      w%rounding(nq + 1:2*nq) = w%rounding(1:nq)/self%h
+    end associate
+  end subroutine find_rounding
 
   !> Saves or restores what the next step needs.
   subroutine exchange_stages(self, a)

@@ -14,7 +14,7 @@ module second_order_system
   implicit none (type, external)
   private
 
-  !> The system. What `start_implicit` sets stays as it is; the last three belong to the last matrices.
+  !> The system. What `start_implicit` sets stays as it is; the last four belong to the last matrices.
   type, abstract, extends(ode), public :: second_order_ode
     integer :: nq = 0                         !! positions
     integer :: nz = 0                         !! internal variables
@@ -28,6 +28,7 @@ module second_order_system
     type(position_measure) :: measure         !! how positions are measured, before the first step
     real(wp) :: least_pivot = 1.0_wp          !! of the constraint rows: 1 where none depends on others [-]
     real(wp) :: shift = 0.0_wp                !! added to their diagonal to regularise dependent rows [-]
+    real(wp) :: enlargement = 1.0_wp          !! of rounding by nearly dependent rows; 0: below what matters [-]
     real(wp) :: rounding_scale = 1.0_wp       !! of positions: distance from the origin in scene sizes, or largest angle [-]
   contains
     procedure(make_ready), deferred :: start_implicit
@@ -91,14 +92,14 @@ module second_order_system
       complex(wp), intent(in), contiguous, optional :: r_complex(:)   !! (nq) for several stages [N, N m]
     end subroutine make_matrix
     !> dq and dlambda with T dq + Phi_q^T dlambda = -r and Phi_q dq = -gap, by the real matrix, in the frames of the last residual.
-    !> What redundant rows leave open of the multipliers is brought to nothing, else rounding would add up in it.
+    !> What redundant rows leave open of the multipliers is held at a value that the method says, else rounding would add up in it.
     subroutine solve_correction(self, r, gap, dq, dlambda)
       import :: second_order_ode, wp
       class(second_order_ode), intent(inout) :: self
       real(wp), intent(in), contiguous :: r(:)          !! (nq) [N, N m]
       real(wp), intent(in), contiguous :: gap(:)        !! (rows) [m]
       real(wp), intent(out), contiguous :: dq(:)        !! (nq) [m, rad]
-      real(wp), intent(inout), contiguous :: dlambda(:)   !! (rows) multipliers, then their correction [N]
+      real(wp), intent(inout), contiguous :: dlambda(:)   !! (rows) multipliers over that value, then their correction [N]
     end subroutine solve_correction
     !> The same by the complex matrix.
     subroutine solve_complex(self, r, gap, dq, dlambda)

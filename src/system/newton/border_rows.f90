@@ -55,7 +55,7 @@ module border_rows
     real(number), allocatable :: closing(:, :)   !! (n, 3) the same for gaps alone [N]
     type(open_row), allocatable :: open(:)   !! rows that can be off
     real(number) :: unit = 1.0_wp            !! makes newtons of the method's gaps of rows that are off [-, 1/s]
-    real(wp) :: held = 0.0_wp                !! shift that holds at zero what redundant rows leave open of multipliers; 0: none [-]
+    real(wp) :: held = 0.0_wp                !! shift that holds what rows leave open of multipliers; 0: none [-]
     real(wp) :: least_pivot = 1.0_wp             !! least pivot of the last factorisation, rows being scaled to 1 [-]
     logical :: bad = .false.                 !! the last factorisation met a zero pivot
   end type row_system
@@ -168,7 +168,7 @@ contains
   subroutine solve_rows(r, phi, lambda)
     type(row_system), intent(inout) :: r
     real(number), intent(in) :: phi(:)       !! (nc) [m], [N]
-    real(number), intent(in), optional :: lambda(:)   !! (nc) present multipliers [N]
+    real(number), intent(in), optional :: lambda(:)   !! (nc) multipliers over their held values [N]
     integer :: i, j, k, p
     if (r%n == 0) return
     do i = 1, r%nc

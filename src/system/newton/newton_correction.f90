@@ -53,7 +53,7 @@ contains
     type(evaluation), intent(in) :: ev
     real(number), intent(in) :: gap(:)       !! (rows) what the rows are open by [m]
     real(number), intent(out) :: dq(:)       !! (nq) [m, rad]
-    real(number), intent(in), optional :: lambda(:)   !! (rows) present multipliers, where redundant rows leave them open [N]
+    real(number), intent(in), optional :: lambda(:)   !! (rows) multipliers over their held values [N]
     integer :: b
     call solve_elastic(self)
     self%rows%d = 0.0_wp
