@@ -321,7 +321,7 @@ contains
       allocate (tau(n), work(66*n), source=0.0_wp)
       allocate (pivots(n), source=0)
       call dgeqp3(n, n, q, n, pivots, tau, work, size(work), info)
-      rank = count([(abs(q(j, j)) > max(dependent, noise/largest_entry(pivots(j))), j=1, n)])
+      rank = count([(abs(q(j, j))*largest_entry(pivots(j)) > max(dependent*largest_entry(pivots(j)), noise), j=1, n)])
       if (rank == n) return
       zeros = zeros + n - rank
       call dorgqr(n, n, rank, q, n, tau, work, size(work), info)
