@@ -397,6 +397,12 @@ def test_masses_that_cross_on_a_turning_line(step, grows, run_deck):
     assert 'where the line of "f" turns that is not proven' in run.summary
 
 
+def test_a_turning_line_with_friction_is_named_once(run_deck):
+    deck = TURNING_GUIDE.format("slider").replace("type='slider'", "type='slider' friction=0.1")
+    run = run_deck(deck + march("t_end=1e-3 step=1e-3 output_step=1e-3"))
+    assert run.summary.count("turns that is not proven") == 1
+
+
 def test_a_step_that_fails_is_divided_and_the_summary_says_so(run_deck):
     """Near its dead points a rigid slider-crank cannot be solved in steps of three quarters of a radian."""
     deck = CRANK.format(young="2.1e10", elements=1, ghm="").replace("position=", "flexible=.false. position=")

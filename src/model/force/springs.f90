@@ -7,9 +7,8 @@ module springs
   use constraint, only: marker_stiffness
   use force_element, only: conditions, element_action
   use marker, only: marker_states
-  use measure, only: measured
+  use measure, only: measured, together
   use piecewise_force, only: piecewise_model
-  use small_matrices, only: outer
   implicit none (type, external)
   private
 
@@ -68,15 +67,12 @@ contains
     real(wp), intent(in) :: force          !! present force [N] or [N m]
     type(marker_stiffness), intent(inout) :: k
     type(measured) :: now
-    real(wp) :: apart(6, 6), x(6), y(6), stiffness
+    real(wp) :: stiffness
     now = self%deformation(p)
     stiffness = part(1)*self%present_stiffness(with, now%x)
     if (self%in_all_directions() .and. now%x <= 64*epsilon(1.0_wp)*maxval(abs(p%r(:, self%ia)))) then
-      x = [1.0_wp, 0.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp]
-      y = cshift(x, -1)
-      apart = outer(x, x) + outer(y, y)
-      k%k = stiffness*apart
-      k%c = part(2)*self%damping*apart
+      k%k = stiffness*together
+      k%c = part(2)*self%damping*together
     else
       call self%tangent_along(p, stiffness, part(2)*self%damping, force, k)
     end if

@@ -18,7 +18,7 @@ module stops
   use constraint, only: marker_stiffness
   use force_element, only: force_model, conditions, element_action, watched_roots, bilateral, by_position, root_rounding
   use marker, only: marker_states
-  use measure, only: measured
+  use measure, only: measured, together
   use small_matrices, only: outer
   use text, only: either, to_text
   implicit none (type, external)
@@ -249,15 +249,14 @@ contains
     real(wp), intent(in) :: force          !! present force; the contact says it itself [N] or [N m]
     type(marker_stiffness), intent(inout) :: k
     type(stop_contact) :: c
-    real(wp) :: turning(6), stiffness, damping
+    real(wp) :: stiffness, damping
     k%k = 0.0_wp
     k%c = 0.0_wp
     if (with%state == stop_open) return
     call self%contact(p, with, c)
     if (with%state == bilateral) then
       k%k = self%stiffness_at(self%example())*outer(c%g, c%g)
-      turning = [-c%g(2), c%g(1), 0.0_wp, -c%g(5), c%g(4), 0.0_wp]     ! across its direction
-      if (self%in_all_directions()) k%k = k%k + self%stiffness_at(self%example())*outer(turning, turning)
+      if (self%in_all_directions()) k%k = self%stiffness_at(self%example())*together
       return
     end if
     if (abs(c%state) /= stop_touching) return

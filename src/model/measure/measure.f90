@@ -8,6 +8,11 @@ module measure
   private
   public :: listed
 
+  !> Second derivative of |r_a - r_b|^2/2: what pulls markers together in every direction joins their positions by it.
+  real(wp), parameter, public :: together(6, 6) = &
+    reshape(real([1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 0, 0, &
+                  -1, 0, 0, 1, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0], wp), [6, 6])
+
   !> A measure and its motion at a state of the markers.
   type, public :: measured
     real(wp) :: x                          !! [m] or [rad]
