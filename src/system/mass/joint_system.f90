@@ -24,11 +24,11 @@ contains
     integer :: i, k, n
     ev%rows%left_limit = options%left_limit
     n = size(ev%p%angle)
-    associate (at => self%incidence, all => self%s%constraints)
+    associate (at => self%incidence)
       if (.not. ev%rows%begun) then
-        do k = 1, size(all)
-          do i = 1, all(k)%item%rows
-            call all(k)%item%evaluate(i, t, ev%p, ev%rows)
+        do k = 1, size(self%s%constraints)
+          do i = 1, self%s%constraints(k)%item%rows
+            call self%s%constraints(k)%item%evaluate(i, t, ev%p, ev%rows)
           end do
         end do
         ev%rows%begun = .true.
@@ -36,7 +36,7 @@ contains
       call plain_values(size(at%places), at%places, size(at%angles), at%angles, self%s%rows, at%row_marker, at%datum, &
                         ev%rows%na, ev%rows%sa, n, ev%p%r, ev%p%angle, ev%rows%phi)
       do k = 1, size(at%others, 2)
-        call all(at%others(1, k))%item%evaluate(at%others(2, k), t, ev%p, ev%rows)
+        call self%s%constraints(at%others(1, k))%item%evaluate(at%others(2, k), t, ev%p, ev%rows)
       end do
     end associate
     if (allocated(ev%rows%off)) call switch_rows(self, ev)
