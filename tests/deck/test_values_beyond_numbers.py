@@ -157,3 +157,9 @@ def test_only_the_text_of_numbers_writes_into_buffers():
     for path in (ROOT / "src").rglob("*.f90"):
         units = re.findall(r"^\s*(?:if \(.*\) )?write \(([\w%]+),", path.read_text(encoding="utf-8"), re.MULTILINE)
         assert path.name in allowed or set(units) <= {"error_unit", "output_unit", "unit"}, path
+
+
+@pytest.mark.parametrize(("mass", "status"), [("1e60", 0), ("1.000001e60", 2), ("1e-60", 0), ("9.99e-61", 2), ("1e400", 2)])
+def test_both_ends_of_the_range_belong_to_it(mass, status, run_deck):
+    told = run_deck(f"&body name='a' mass={mass} inertia={mass} /\n", "--check", expect=status).stderr
+    assert (f"mass={mass} is out of range, expected 0 or a magnitude from 1e-60 to 1e60" in told) == (status == 2)

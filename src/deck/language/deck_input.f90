@@ -175,7 +175,7 @@ contains
     character(:), allocatable :: t
     associate (selector => keys(self%selector))
       t = kinds_text(selector, kinds)
-      if (self%choice == 0) then
+      if (.not. self%is_given(trim(selector%name))) then
         t = ' applies to '//t//' only, expected '//trim(selector%name)//' to be given'
       else
         t = ' does not apply to '//kinds_text(selector, ibset(0, self%choice - 1))//', it applies to '//t

@@ -9,7 +9,7 @@ module deck_numbers
 
   character(*), parameter :: out_of_range = 'is out of range, expected 0 or a magnitude from 1e-60 to 1e60'
   character(*), parameter :: out_of_integers = 'is out of range, expected a whole number up to 2147483647'
-  integer, parameter :: decades = 60     !! magnitudes from 1e-60 to below 1e60: products of a few stay finite
+  integer, parameter :: decades = 60     !! magnitudes from 1e-60 to 1e60: products of a few stay finite
 
 contains
 
@@ -35,7 +35,7 @@ contains
     real(wp), intent(in) :: x                            !! [any]
     character(:), allocatable, intent(out) :: problem    !! what is wrong, what was expected
     problem = ''
-    if (abs(x) >= 10.0_wp**decades .or. (abs(x) > 0.0_wp .and. abs(x) < 10.0_wp**(-decades))) problem = out_of_range
+    if (abs(x) > 10.0_wp**decades .or. (abs(x) > 0.0_wp .and. abs(x) < 10.0_wp**(-decades))) problem = out_of_range
   end subroutine check_range
 
   !> A real number; integers count as reals. `problem` is empty if it is one.
@@ -44,6 +44,7 @@ contains
     real(wp), intent(inout) :: x                         !! unchanged if there is a problem [as the variable]
     character(:), allocatable, intent(out) :: problem    !! what is wrong, what was expected
     character(:), allocatable :: core
+    real(wp) :: value                                    ! [as the variable]
     integer :: decade, status
     logical :: number, zero
     problem = ''
@@ -53,13 +54,15 @@ contains
       core = lower(word(sign_length(word) + 1:))
       if (index(core, 'nan(') == 1) core = 'nan'
       if (any(core == [character(8) :: 'nan', 'inf', 'infinity'])) problem = 'is not finite, expected a finite number'
-    else if (.not. zero .and. abs(decade) >= decades .and. decade /= -decades) then
+    else if (.not. zero .and. abs(decade) > decades + 1) then      ! its conversion may overflow
       problem = out_of_range
     else if (zero) then
       x = 0.0_wp
     else
-      read (word, *, iostat=status) x
+      read (word, *, iostat=status) value
       if (status /= 0) problem = 'is not a number, expected one such as 1.5e-3'
+      if (status == 0) call check_range(value, problem)
+      if (len(problem) == 0) x = value
     end if
   end subroutine read_real
 
