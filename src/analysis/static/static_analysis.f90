@@ -159,8 +159,10 @@ contains
     logical, intent(in) :: loose(:)                  !! (bodies) only stops or loads can hold it
     type(failure), intent(inout) :: fail
     character(:), allocatable :: free, open
+    logical :: moving(size(loose))                   ! (bodies) without what can hold it
     integer :: k
-    free = names_of(run, loose .and. free_bodies_under(run, part, both_ways=.false.))
+    moving = free_bodies_under(run, part, both_ways=.false.)
+    free = names_of(run, loose .and. moving)
     if (len(free) == 0) return
     open = ''
     do k = 1, run%sys%m%s%stops
