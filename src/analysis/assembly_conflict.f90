@@ -252,9 +252,25 @@ contains
     integer, intent(in) :: k                        !! its number: joints, then drives, springs, loads, stops
     character(:), allocatable :: text
     type(origin) :: at
-    associate (all => [d%joints%at, d%drives%at, d%springs%at, d%forces%at, d%stops%at])
-      at = all(k)
-    end associate
+    integer :: sizes(5), group, i                   ! of the groups, the group and the number in it
+    sizes = [size(d%joints), size(d%drives), size(d%springs), size(d%forces), size(d%stops)]
+    i = k
+    do group = 1, 4
+      if (i <= sizes(group)) exit
+      i = i - sizes(group)
+    end do
+    select case (group)
+    case (1)
+      at = d%joints(i)%at
+    case (2)
+      at = d%drives(i)%at
+    case (3)
+      at = d%springs(i)%at
+    case (4)
+      at = d%forces(i)%at
+    case default
+      at = d%stops(i)%at
+    end select
     text = at%file//':'//to_text(at%line)
   end function deck_line_of
 

@@ -182,6 +182,9 @@ contains
     real(wp), intent(in) :: apart(:)          !! (columns, then events) differences over what is asked; empty: not compared [-]
     logical, intent(in) :: late               !! `most_seconds` are over
     character(:), allocatable :: other
+    logical :: agree, stuck                   ! in all that was compared; where not, no finer pass has helped
+    agree = .false.
+    stuck = .false.
     self%passes(self%count) = pass
     self%stored = 0                           ! rows were put over those of the pass before
     if (pass%outcome == finished) then
@@ -191,6 +194,8 @@ contains
     if (size(apart) > 0) then
       self%slow = merge(self%slow + 1, 0.0_wp, apart > 1.0_wp .and. apart > 0.5_wp*self%apart)
       self%apart = apart
+      agree = all(apart <= 1.0_wp)
+      stuck = all(apart <= 1.0_wp .or. self%slow >= most_slow)
     end if
     if (late) then
       call finish(self, 'most_seconds ended the search')
@@ -205,9 +210,9 @@ contains
       else
         call refine(self, pass)
       end if
-    else if (size(apart) > 0 .and. all(apart <= 1.0_wp)) then
+    else if (agree) then
       call finish(self, '')
-    else if (size(apart) > 0 .and. all(apart <= 1.0_wp .or. self%slow >= most_slow)) then
+    else if (stuck) then
       call finish(self, 'finer passes do not converge (rounding or chaos)')
       if (apart(size(apart)) > 1.0_wp) self%reason = 'finer passes have other sequences of events'
     else

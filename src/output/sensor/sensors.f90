@@ -75,6 +75,7 @@ contains
     character(suffix_length), allocatable, intent(out) :: suffixes(:)
     type(quantity_sensor_model), allocatable :: quantities
     type(sensor_record) :: r
+    type(reaction_sensor_model) :: reaction        ! a constructor would never free its list
     character(:), allocatable :: unit
     integer, allocatable :: row(:)                 ! the friction's number among the constraints
     integer :: k
@@ -96,10 +97,13 @@ contains
         if (basis%rotation(r%index)) unit = 'rad'
         if (basis%reduced_from > 0) unit = 'kg^.5*m'
       end associate
-      suffixes = [character(suffix_length) :: '.q['//unit//']', '.qd['//unit//'/s]', '.qdd['//unit//'/s2]']
+      allocate (character(suffix_length) :: suffixes(3))   ! the compiler never frees units within a constructor
+      suffixes(1) = '.q['//unit//']'
+      suffixes(2) = '.qd['//unit//'/s]'
+      suffixes(3) = '.qdd['//unit//'/s2]'
     case ('reaction')
-      row = [merge(r%joint, m%s%joints + r%drive, r%joint > 0), friction_of(m%s, r%joint)]
-      item = reaction_sensor_model(constraints=row)
+      reaction%constraints = [merge(r%joint, m%s%joints + r%drive, r%joint > 0), friction_of(m%s, r%joint)]
+      item = reaction
       suffixes = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
     case ('friction')
       row = friction_of(m%s, r%joint)
