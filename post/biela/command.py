@@ -1,9 +1,9 @@
-"""How the programs begin and end as commands."""
+"""What the programs share: words of their command lines, how they end, the call of the solver."""
 
 from __future__ import annotations
 
 import argparse
-import importlib
+import contextlib
 import math
 import os
 import shutil
@@ -21,34 +21,6 @@ ROOT = Path(__file__).resolve().parents[2]
 SOLVER = ROOT / "bin" / "biela"  # built by `make`; found from any folder
 if not SOLVER.is_file():  # the installed package
     SOLVER = Path(shutil.which("biela") or SOLVER)
-
-
-def parser(tool: str, description: str, runs_solver: bool = False) -> argparse.ArgumentParser:
-    """Return the parser of a program's command line.
-
-    Args:
-        tool: name of the program
-        description: first part of its help, printed as it is laid out
-        runs_solver: whether it has the option --biela
-    """
-    form = argparse.RawDescriptionHelpFormatter
-    found = argparse.ArgumentParser(prog=f"{tool}.py", description=description, formatter_class=form)
-    if runs_solver:
-        found.add_argument("--biela", type=Path, default=SOLVER, help="the solver (bin/biela of the project)")
-    return found
-
-
-def study_parser(tool: str, description: str) -> argparse.ArgumentParser:
-    """Return the parser of a program that makes the runs of a study, with the options that all of these have."""
-    found = parser(tool, description, runs_solver=True)
-    found.add_argument("study", type=Path, metavar="STUDY.toml", help="deck, parameters and results (see post/README.md)")
-    found.add_argument("--output", type=Path, metavar="DIR", help=f"folder of the results (results/{tool}/<study name>)")
-    found.add_argument("--jobs", type=count, help=f"runs side by side (all cores: {os.cpu_count() or 1})")
-    found.add_argument("--dask", metavar="ADDRESS", help="address of a Dask scheduler, instead of this machine's cores")
-    found.add_argument("--start", type=finite, metavar="S", help="rows before do not count (results with their own `from`: that)")
-    found.add_argument("--end", type=finite, metavar="S", help="rows after do not count (results with their own `to`: that)")
-    found.add_argument("--no-pictures", action="store_true", help="tables only")
-    return found
 
 
 def options_of(args: argparse.Namespace, kind: type) -> object:
@@ -99,6 +71,20 @@ def count(text: str) -> int:
     return number
 
 
+def pair(text: str) -> tuple[str, float]:
+    """Return name and tolerance of NAME=TOLERANCE from the command line."""
+    name, mark, value = text.rpartition("=")
+    with contextlib.suppress(ValueError):
+        if mark and name and 0.0 <= float(value) < math.inf:
+            return name, float(value)
+    raise argparse.ArgumentTypeError(f"{text!r}: NAME=TOLERANCE expected")
+
+
+def tolerance(text: str) -> float:
+    """Return a number of at least zero from the command line."""
+    return pair(f"all={text}")[1]
+
+
 def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
     """Return the status of a tool's work; a fault of its files becomes one line on standard error.
 
@@ -114,24 +100,6 @@ def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
         return failed
 
 
-def program(parser: argparse.ArgumentParser, work: str, failed: int = 2) -> Callable[..., int]:
-    """Return a program as a function of the arguments of its command line.
-
-    Args:
-        parser: of the command line
-        work: MODULE.FUNCTION of this package, which takes what was parsed and returns the exit status; loaded after the parsing
-        failed: status after a fault
-    """
-
-    def main(words: list[str] | None = None) -> int:
-        args = parser.parse_args(words)
-        module, function = work.split(".")
-        do = getattr(importlib.import_module(f".{module}", __package__), function)
-        return attempt(parser.prog.removesuffix(".py"), lambda: do(args), failed)
-
-    return main
-
-
 def missing(fault: ModuleNotFoundError) -> str:
     """Return the words on a library that is not installed; a module of this package that is not there is a fault of the program."""
     name = (fault.name or "").partition(".")[0]
@@ -140,13 +108,14 @@ def missing(fault: ModuleNotFoundError) -> str:
     return f"the Python package {name!r} is missing: `make setup` installs it, or pip install {name}"
 
 
-def run(main: Callable[[], int]) -> NoReturn:
+def run(tool: str, main: Callable[[], int]) -> NoReturn:
     """Call a tool and end with its status; what it prints never ends it.
 
     Characters that the terminal's encoding lacks are shown as '?'. Where the reader has gone (`| head`), the tool ends quietly.
 
     Args:
-        main: the tool; returns its exit status
+        tool: its name
+        main: what it does; returns its exit status
     """
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
@@ -156,7 +125,6 @@ def run(main: Callable[[], int]) -> NoReturn:
         if sys.stdout is not None:
             sys.stdout.flush()
     except ModuleNotFoundError as fault:
-        tool = Path(sys.argv[0]).stem.removeprefix("biela-")
         print(f"{tool}: {missing(fault)}", file=sys.stderr)
         status = 2
     except BrokenPipeError:

@@ -203,7 +203,7 @@ def sweep(study: str | Path, folder: str | Path | None = None, **options: object
     Args:
         study: the file
         folder: of what is stored and of table.csv; left out: results/sweep/<study name>
-        options: those of `sweep_study.StudyOptions` (`jobs=4`, `dask="tcp://..."`)
+        options: those of `sweep_study.StudyOptions` (`jobs=4`, `scheduler="tcp://..."`)
 
     Returns:
         `to_dataframe()`, `best("min peak", ["area < 2e-4"])`, `failed`.

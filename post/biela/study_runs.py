@@ -112,21 +112,21 @@ def _on_worker(folder: str, batch: bytes) -> list[Row]:
 
 def executor(options: StudyOptions) -> Executor:
     """Return what runs batches: this machine's cores, or a Dask scheduler; HistoryError where there is none."""
-    if not options.dask:
+    if not options.scheduler:
         return ProcessPoolExecutor(max_workers=options.workers, initializer=end_with_parent)
     try:
         from dask.distributed import Client
     except ImportError:
-        raise HistoryError("--dask needs the package distributed: pip install 'dask[distributed]'") from None
+        raise HistoryError("--scheduler needs the package distributed: pip install 'dask[distributed]'") from None
     try:
-        return Client(options.dask, timeout="10s").get_executor(pure=False, retries=5)
+        return Client(options.scheduler, timeout="10s").get_executor(pure=False, retries=5)
     except OSError as fault:
-        raise HistoryError(f"--dask {options.dask}: no scheduler answers ({fault})") from None
+        raise HistoryError(f"--scheduler {options.scheduler}: no scheduler answers ({fault})") from None
 
 
 def submit(pool: Executor, batch: Batch, options: StudyOptions) -> Future:
     """Hand a batch over."""
-    if not options.dask:
+    if not options.scheduler:
         return pool.submit(run_batch, batch)
     import pickle
 

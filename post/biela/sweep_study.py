@@ -118,7 +118,7 @@ class StudyOptions:
         biela: the solver
         output: folder of the results; None: results/<tool>/<study name>
         jobs: runs side by side; None: as many as there are cores
-        dask: address of a Dask scheduler, in place of this machine's cores
+        scheduler: address of a Dask scheduler, in place of this machine's cores
         keep: all decks and results stay
         best: 'min NAME' or 'max NAME', '': what the study says
         where: conditions 'NAME < VALUE' beside those of the study
@@ -132,7 +132,7 @@ class StudyOptions:
     biela: Path
     output: Path | None = None
     jobs: int | None = None
-    dask: str | None = None
+    scheduler: str | None = None
     keep: bool = False
     best: str = ""
     where: tuple[str, ...] = ()

@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from biela import attenuation
-from biela.commands import attenuation as attenuation_command
+from biela.programs import attenuation as attenuation_command
 from conftest import ROOT, Run
 
 DECKS = sorted(path.stem for path in (ROOT / "input").glob("*.nml"))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from biela import ivp_crank
-from biela.commands import ivp_crank as ivp_crank_command
 from biela.histories import read
+from biela.programs import ivp_crank as ivp_crank_command
 from biela.tradeoff_settings import Grid
 from conftest import REFERENCE, ROOT
 

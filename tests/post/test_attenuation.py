@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from biela import attenuation, demo, loss_picture
-from biela.commands import attenuation as attenuation_command
 from biela.histories import History, read
+from biela.programs import attenuation as attenuation_command
 
 TIME = np.linspace(0.0, 0.02, 2001)
 

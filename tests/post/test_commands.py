@@ -10,13 +10,12 @@ import sys
 import biela
 import known_optima
 import pytest
-from biela import command, deck_runs, histories, tools
-from biela.commands import compare as compare_command
+from biela import command, deck_runs, histories, programs
 from conftest import ROOT
 
 POST = ROOT / "post"
 GREEK = r"'4 \xb5s, \u03b1 = \u03b6'"  # ASCII: no locale of the child decides how its source is read
-SPEAKING = f"import sys; from biela import command; command.run(lambda: print({GREEK}, *range({{count}})) or {{status}})"
+SPEAKING = f"import sys; from biela import command; command.run('speak', lambda: print({GREEK}, *range({{count}})) or {{status}})"
 
 
 def speak(count: int, status: int = 0, **keywords) -> subprocess.Popen:
@@ -34,7 +33,7 @@ def test_a_library_that_is_missing_is_told(tmp_path, biela, tool, library, words
     """A search loads scipy in a thread, when it begins."""
     known_optima.write(tmp_path, known_optima.PROBLEMS["Branin, three minima"])
     (tmp_path / "deck.nml").write_text(MOVING)
-    code = f"import sys; sys.modules['{library}'] = None; from biela import tools; tools.{tool}()"
+    code = f"import sys; sys.modules['{library}'] = None; from biela import programs; programs.{tool}()"
     environment = {**os.environ, "PYTHONPATH": str(POST), "BIELA": str(biela)}
     line = [sys.executable, "-c", code, *words]
     done = subprocess.run(line, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
@@ -97,13 +96,10 @@ def test_numbers_of_a_command_line(kind, text, found):
         assert kind(text) == found
 
 
-def test_commands_of_the_package_are_the_tools():
-    called = tools.compare
-    assert (called.func, called.args) == (command.run, (compare_command.main,))
-    with pytest.raises(AttributeError):
-        _ = tools._private
-    with pytest.raises(ModuleNotFoundError, match="no_tool"):
-        _ = tools.no_tool
+def test_commands_of_the_package_are_those_of_the_table():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    for name in set(programs.PROGRAMS) - {"attenuation", "demo", "ivp_crank"}:
+        assert f'biela-{name.replace("_", "-")} = "biela.programs:{name}"\n' in text
 
 
 def test_the_package_has_the_reader_and_the_runner():

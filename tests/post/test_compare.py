@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from biela.commands.compare import main
 from biela.compare import differences
 from biela.histories import History, HistoryError
+from biela.programs import compare
 
 TIME = np.linspace(0.0, 1.0, 11)
 
@@ -128,24 +128,24 @@ def files(tmp_path):
 
 
 def test_the_command_tells_by_its_status(files, capsys):
-    assert main([*files, "--tolerance", "2e-3"]) == 0
+    assert compare.main([*files, "--tolerance", "2e-3"]) == 0
     assert "2 columns, 2 rows (1 further rows of the run not compared): all within tolerance" in capsys.readouterr().out
-    assert main([*files, "--tolerance", "5e-4"]) == 1
+    assert compare.main([*files, "--tolerance", "5e-4"]) == 1
     told = capsys.readouterr().out
     assert [line.split()[0] for line in told.splitlines() if "TOO LARGE" in line] == ["x"]
     assert "1 too far apart" in told
-    assert main([*files, "--tolerance", "5e-4", "--column", "x=2e-3"]) == 0
-    assert main([*files, "--tolerance", "5e-4", "--columns", "zero"]) == 0
+    assert compare.main([*files, "--tolerance", "5e-4", "--column", "x=2e-3"]) == 0
+    assert compare.main([*files, "--tolerance", "5e-4", "--columns", "zero"]) == 0
 
 
 def test_the_command_refuses_in_one_line(files, capsys, tmp_path):
-    assert main([str(tmp_path / "nothing"), files[1]]) == 2
+    assert compare.main([str(tmp_path / "nothing"), files[1]]) == 2
     told = capsys.readouterr().err
     assert told.startswith("compare: ")
     assert told.count("\n") == 1
-    assert main([files[1], files[0]]) == 2
+    assert compare.main([files[1], files[0]]) == 2
     assert "no row at t = 0.2" in capsys.readouterr().err
     for words in (["--tolerance", "-1"], ["--tolerance", "nan"], ["--column", "x"], ["--column", "=1"]):
         with pytest.raises(SystemExit) as ended:
-            main([*files, *words])
+            compare.main([*files, *words])
         assert ended.value.code == 2

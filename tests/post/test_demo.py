@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 from biela import demo
-from biela.commands import demo as demo_command
 from biela.histories import read
+from biela.programs import demo as demo_command
 from conftest import ROOT
 from PIL import Image
 

@@ -7,11 +7,11 @@ import re
 import numpy as np
 import pytest
 from biela import BielaError, deck_text, fit_material
-from biela.commands import fit_material as fit_material_command
 from biela.master_curve import master_curve, shift_factor
 from biela.material_data import DataError, read
 from biela.material_fit import choose_terms, fit, relative_error
 from biela.material_law import Material, of_group, pole_factor
+from biela.programs import fit_material as fit_material_command
 from conftest import ROOT
 
 ELASTOMER = "f,E_stor,eta\nHz,MPa,-\n1,23.2,1.1\n10,58,.85\n50,145,.7\n100,203,.6\n500,348,.4\n1000,435,.35\n1500,464,.34\n"

@@ -13,7 +13,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from biela.commands import (
+from biela.programs import (
     animate,
     compare,
     draw,

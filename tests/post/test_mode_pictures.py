@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from biela import animate, modes
-from biela.commands import modes as modes_command
 from biela.histories import History, HistoryError, read
+from biela.programs import modes as modes_command
 from linear_scenes import FORCE, beam, sweep
 from PIL import Image
 

@@ -11,8 +11,8 @@ import biela as package
 import numpy as np
 import pytest
 from biela import design_space, study_runs
-from biela.commands import optimise as optimise_command
-from biela.commands import sensitivity as sensitivity_command
+from biela.programs import optimise as optimise_command
+from biela.programs import sensitivity as sensitivity_command
 from conftest import ROOT
 from known_optima import PROBLEMS, Pool, Problem, install
 

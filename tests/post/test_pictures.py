@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 from biela import animate, histories, mechanism, plot
-from biela.commands import animate as animate_command
-from biela.commands import plot as plot_command
 from biela.histories import HistoryError, read
+from biela.programs import animate as animate_command
+from biela.programs import plot as plot_command
 from PIL import Image
 
 TIME = np.linspace(0.0, 0.01, 21)

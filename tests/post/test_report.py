@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from biela import engineering
 from biela import report as report_tool
-from biela.commands import report as report_command
 from biela.histories import HistoryError, read
+from biela.programs import report as report_command
 from conftest import ROOT
 from linear_scenes import FORCE, beam, sweep
 from PIL import Image

@@ -11,7 +11,7 @@ import biela as package
 import numpy as np
 import pytest
 from biela import export, session
-from biela.commands import export as export_command
+from biela.programs import export as export_command
 from conftest import ROOT
 
 DECK = """&parameter name='L' value=1.0 /

@@ -7,9 +7,9 @@ import pandas
 import pytest
 from biela import export
 from biela import spectrum_work as spectrum
-from biela.commands import export as export_command
-from biela.commands import spectrum as spectrum_command
 from biela.histories import read
+from biela.programs import export as export_command
+from biela.programs import spectrum as spectrum_command
 from conftest import ROOT
 from scipy.io import loadmat
 

@@ -9,10 +9,10 @@ import re
 import subprocess
 
 import pytest
-from biela.commands import draw, export, plot, report
 from biela.deck_runs import Outcome
 from biela.histories import read_summary, still_columns
 from biela.plot import chosen_columns
+from biela.programs import draw, export, plot, report
 from biela.result_files import HistoryError, note
 from biela.tradeoff_errors import Compared, truth_of
 from conftest import ROOT

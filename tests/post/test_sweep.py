@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from biela import study_runs, sweep_scalars, sweep_study
-from biela.commands import sweep as sweep_command
 from biela.histories import read
+from biela.programs import sweep as sweep_command
 from biela.sweep_scalars import Scalar
 from conftest import ROOT, TIMEOUT, wait_for
 from studies import ARGUMENT
@@ -297,7 +297,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_table(study):
             time.sleep(0.4)
             os.kill(victim, signal.SIGKILL)
             os._exit(0)
-        _, there = study(text, "--no-pictures", "--dask", cluster.scheduler_address)
+        _, there = study(text, "--no-pictures", "--scheduler", cluster.scheduler_address)
         os.waitpid(child, 0)
     assert there == here
 
@@ -308,7 +308,7 @@ def test_no_scheduler_is_told_in_one_line(study, capsys, monkeypatch):
     monkeypatch.setattr(distributed, "Client", lambda address, **_: client(address, timeout="1s"))  # not its 10 s
     Path("results/sweep/study").mkdir(parents=True)
     Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
-    assert study(STUDY, "--dask", "tcp://127.0.0.1:9")[0] == 2
+    assert study(STUDY, "--scheduler", "tcp://127.0.0.1:9")[0] == 2
     assert "no scheduler answers" in capsys.readouterr().err
 
 
@@ -381,5 +381,5 @@ def test_without_the_package_of_dask_the_command_names_it(study, monkeypatch, ca
     Path("results/sweep/study").mkdir(parents=True)
     Path("results/sweep/study/table.csv").write_text("old\n", encoding="utf-8")
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
-    assert study(STUDY, "--dask", "tcp://127.0.0.1:9")[0] == 2
-    assert capsys.readouterr().err == "sweep: --dask needs the package distributed: pip install 'dask[distributed]'\n"
+    assert study(STUDY, "--scheduler", "tcp://127.0.0.1:9")[0] == 2
+    assert capsys.readouterr().err == "sweep: --scheduler needs the package distributed: pip install 'dask[distributed]'\n"

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from biela import deck_models, deck_runs, deck_text, tradeoff_picture
-from biela.commands import tradeoff as tradeoff_command
 from biela.compare import differences
 from biela.deck_runs import Outcome
 from biela.histories import Event, History, read
+from biela.programs import tradeoff as tradeoff_command
 from biela.tradeoff_curves import Curve, uncertainty_of
 from biela.tradeoff_errors import Compared, error_of, truth_of
 from conftest import REFERENCE, ROOT

@@ -10,10 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from biela import deck_models, deck_runs, deck_terms, deck_text, tradeoff_causes, tradeoff_truth, tradeoff_work
-from biela.commands import tradeoff as tradeoff_command
 from biela.deck_runs import COUNTS, Outcome, OutOfTimeError, Runner
 from biela.histories import read_summary
 from biela.material_law import of_group
+from biela.programs import tradeoff as tradeoff_command
 from biela.tradeoff_errors import RunError, error_of
 from biela.tradeoff_report import Result
 from biela.tradeoff_settings import Setting, columns
@@ -29,11 +29,6 @@ def test_numbers_of_the_command_line_are_refused(words, capsys):
         tradeoff_command.main([str(CRANK), *words])
     assert ended.value.code == 2
     assert "expected" in capsys.readouterr().err.splitlines()[-1]
-
-
-def test_the_solver_is_found_from_any_folder(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    assert tradeoff_command.parser.parse_args(["deck.nml"]).biela == ROOT / "bin" / "biela"
 
 
 def test_columns_are_asked_for_by_their_own_names_or_by_their_sensors():

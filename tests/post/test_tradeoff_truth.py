@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from biela import deck_models, deck_text, tradeoff_errors, tradeoff_search, tradeoff_truth, tradeoff_work
-from biela.commands import tradeoff as tradeoff_command
 from biela.deck_runs import Outcome, OutOfTimeError, RunsError
+from biela.programs import tradeoff as tradeoff_command
 from biela.tradeoff_curves import Curve
 from biela.tradeoff_errors import Compared, RunError, error_of, truth_of
 from biela.tradeoff_report import Result, head, table, verdict

@@ -43,7 +43,7 @@ def python(folder, text, *words, path=""):
 
 def test_every_module_of_the_package_can_be_imported(package):
     names = [".".join(path.relative_to(package).with_suffix("").parts) for path in package.glob("biela/**/*.py")]
-    assert {"biela.histories", "biela.commands.sweep", "biela.report", "biela.tools"} <= set(names)
+    assert {"biela.histories", "biela.programs", "biela.report"} <= set(names)
     text = "import importlib, sys, biela\nfor name in sys.argv[1:]: importlib.import_module(name)\n"
     text += "from biela.histories import HistoryError\nassert HistoryError is biela.HistoryError\n"
     python(package, text, *names)
@@ -53,11 +53,11 @@ def test_commands_show_the_help_of_their_tools(package):
     tools = [target.partition(":")[2] for target in PROJECT["scripts"].values()]
     assert [f"biela-{tool.replace('_', '-')}" for tool in tools] == list(PROJECT["scripts"])
     text = """import sys
-from biela import tools
+from biela import programs
 for name in sys.argv[1:]:
     sys.argv[1:] = ['--help']
     try:
-        getattr(tools, name)()
+        getattr(programs, name)()
     except SystemExit as end:
         assert end.code == 0"""
     assert python(package, text, *tools).count("usage:") == len(tools)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import re
@@ -12,6 +11,7 @@ import subprocess
 import sys
 
 import pytest
+from biela.programs import PROGRAMS
 from conftest import ROOT
 
 PAGES = ("README.md", "post/README.md")
@@ -47,7 +47,7 @@ def run(line: str) -> None:
         return
     tool = words[0][len("post/") : -len(".py")]
     try:
-        status = importlib.import_module(f"biela.commands.{tool}").main([*words[1:], *SHORTER.get(tool, [])])
+        status = PROGRAMS[tool].main([*words[1:], *SHORTER.get(tool, [])])
     except SystemExit as end:  # what the command line's parser refuses
         status = end.code
     assert status in STATUS.get(tool, {0}), line
@@ -90,8 +90,7 @@ def test_the_tutorial_goes_from_an_empty_file_to_a_report(clone):
 
 
 def test_programs_run_from_any_folder_by_the_projects_own_python(tmp_path):
-    tools = [path.stem for path in (ROOT / "post" / "biela" / "commands").glob("[!_]*.py")]
-    for tool in tools:
+    for tool in PROGRAMS:
         script = ROOT / "post" / f"{tool}.py"
         assert os.access(script, os.X_OK), tool
         assert str(script.readlink()) == "start.py"
