@@ -51,59 +51,53 @@ contains
       s%constraints(s%permanent + k)%item%switch_number = size(s%switching) + k
     end do
     s%elements = size(s%switching) + size(s%friction)
-    call add_stop_rows(s)
+    call add_stop_rows(d, s)
   end subroutine make_forces
 
   !> A row for each rigid stop, behind all others.
-  subroutine add_stop_rows(s)
+  subroutine add_stop_rows(d, s)
+    type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
     type(constraint_box), allocatable :: all(:)
-    integer :: k, n
-    s%stop_rows = count([(is_rigid(s%forces(k)%item), k=1, size(s%forces))])
+    type(stop_row_model), allocatable :: row
+    integer :: i, k, n
+    s%stop_rows = count(d%stops%rigid)
     n = size(s%constraints)
     allocate (all(n + s%stop_rows))
     do k = 1, n
       call move_alloc(s%constraints(k)%item, all(k)%item)
     end do
-    do k = 1, size(s%forces)
-      if (.not. is_rigid(s%forces(k)%item)) cycle
+    do k = 1, size(d%stops)
+      if (.not. d%stops(k)%rigid) cycle
+      allocate (row)
+      i = size(s%forces) - size(d%stops) + k
+      associate (f => s%forces(i)%item)
+        row%name = f%name
+        row%switch_number = f%switch_number
+        call row%hold(f%measure)
+      end associate
+      row%parent = s%permanent + i
+      row%one_sided = .true.
+      row%lower = d%stops(k)%lower
+      row%upper = d%stops(k)%upper
+      row%restitution = d%stops(k)%restitution
       n = n + 1
-      allocate (all(n)%item, source=stop_row_model(one_sided=.true., parent=s%permanent + k, name=s%forces(k)%item%name, &
-                                                   switch_number=s%forces(k)%item%switch_number))
-      call all(n)%item%hold(s%forces(k)%item%measure)
+      call move_alloc(row, all(n)%item)
     end do
     call move_alloc(all, s%constraints)
-    call place_stop_rows(s)
   end subroutine add_stop_rows
 
-  !> Gives these rows their stops; called again when the stops have markers.
+  !> Gives stops and their rows each other's place, when both are numbered.
   subroutine place_stop_rows(s)
     type(scene), intent(inout) :: s
     integer :: k
     do k = size(s%constraints) - s%stop_rows + 1, size(s%constraints)
-      select type (c => s%constraints(k)%item)
-      class is (stop_row_model)
-        associate (f => s%forces(s%switching(c%switch_number))%item)
-          f%row = c%first
-          call c%attach(f%ia, f%ib, 0)
-          select type (f)
-          class is (stop_model)
-            c%stop = f
-          end select
-        end associate
-      end select
+      associate (c => s%constraints(k)%item, f => s%forces(s%switching(s%constraints(k)%item%switch_number))%item)
+        f%row = c%first
+        call c%attach(f%ia, f%ib, 0)
+      end associate
     end do
   end subroutine place_stop_rows
-
-  !> Whether an element is a rigid stop.
-  pure logical function is_rigid(f) result(yes)
-    class(force_model), intent(in) :: f
-    yes = .false.
-    select type (f)
-    class is (stop_model)
-      yes = f%rigid
-    end select
-  end function is_rigid
 
   !> The factory of springs: the deck's word into the kind.
   subroutine make_spring(d, r, item, faults)

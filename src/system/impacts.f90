@@ -102,9 +102,9 @@ contains
           associate (state => ev%switches%state(row%switch_number), memory => ev%switches%memory(row%switch_number))
             if (pass == 1 .and. .not. row%holds(state)) then
               x = row%position(ev%p)
-              beyond = row%weight()*max(x - row%stop%upper, row%stop%lower - x) > entered*m%s%size
-              if (beyond) state = merge(stop_touching, -stop_touching, x > row%stop%upper)
-              if (beyond) memory = row%weight()*merge(row%stop%upper, row%stop%lower, state > 0)
+              beyond = row%weight()*max(x - row%upper, row%lower - x) > entered*m%s%size
+              if (beyond) state = merge(stop_touching, -stop_touching, x > row%upper)
+              if (beyond) memory = row%weight()*merge(row%upper, row%lower, state > 0)
               changed = changed .or. beyond
             else if (pass == 2 .and. row%holds(state) .and. state*ev%lambda(row%first) < 0.0_wp) then
               state = stop_open
@@ -137,7 +137,7 @@ contains
         down = fallen(most_roots*(i - 1) + 1:most_roots*i)
         side = sign(1, ev%switches%state(i))
         if (ev%switches%state(i) == stop_open) then
-          call row%stop%roots(ev%p, conditions_of(m, ev, m%s%switching(i)), roots)
+          call m%s%forces(m%s%switching(i))%item%roots(ev%p, conditions_of(m, ev, m%s%switching(i)), roots)
           if (.not. any(down .or. roots%g <= roots%zero)) cycle
           side = merge(1, -1, roots%g(1) <= roots%g(2))
         end if
@@ -146,7 +146,7 @@ contains
         c%row = [c%row, row%first]
         c%side = [c%side, side]
         c%closed = [c%closed, row%holds(ev%switches%state(i))]
-        c%e = [c%e, row%stop%restitution]
+        c%e = [c%e, row%restitution]
       end select
     end do
     c%n = size(c%element)

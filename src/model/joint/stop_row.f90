@@ -4,13 +4,14 @@ module stop_row
   use constraint, only: constraint_model
   use friction_law, only: row_stuck, row_slips, row_idle
   use marker, only: marker_states
-  use stops, only: stop_idle, stop_model, stop_open, stop_touching
+  use stops, only: stop_idle, stop_open, stop_touching
   implicit none (type, external)
   private
 
-  !> Its measure is that of the stop.
+  !> Its measure and its markers are those of the stop.
   type, extends(constraint_model), public :: stop_row_model
-    class(stop_model), allocatable :: stop     !! with its markers
+    real(wp) :: lower, upper                   !! limits of x, as those of its stop [m] or [rad]
+    real(wp) :: restitution                    !! e of its stop [-]
   contains
     procedure :: holds => closed
     procedure :: relation => relation_of
@@ -62,6 +63,6 @@ contains
     class(stop_row_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     integer, intent(in) :: side                !! 1 upper, -1 lower
-    x = self%weight()*merge(self%stop%upper, self%stop%lower, side > 0)
+    x = self%weight()*merge(self%upper, self%lower, side > 0)
   end function limit
 end module stop_row
