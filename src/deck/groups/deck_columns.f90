@@ -52,7 +52,8 @@ contains
           'follows from the forces themselves, expected a column of position, velocity, angle, angular_velocity, deflection, '// &
           'coordinate (.q, .qd), distance or spring (.d)')
       else
-        call at%blame(faults, written//' is no column of that sensor, expected '//quoted(joined(trim(s%name)//list, ''' or ''')))
+        call at%blame(faults, written//' is no column of that sensor, expected '// &
+                      quoted(joined(s%name(:len_trim(s%name))//list, ''' or ''')))    ! trim() with a list leaks
       end if
     end associate
   end subroutine find_column
