@@ -45,9 +45,9 @@ contains
         axial = parts(1) > parts(2)
       end associate
     end do
-    if (cause%body == 0 .or. strained < 0.5_wp*f%stiffness) then
+    if (cause%body == 0 .or. strained < 0.5_wp*abs(f%stiffness)) then
       cause%what = 'a mode of springs and rigid bodies'
-      if (best > takes_part*f%stiffness) cause%what = 'a mode of springs with body "'//trim(m%s%bodies(cause%body)%name)//'"'
+      if (best > takes_part*abs(f%stiffness)) cause%what = 'a mode of springs with body "'//trim(m%s%bodies(cause%body)%name)//'"'
       cause%body = 0
     else
       cause%what = either('an axial mode', 'a bending mode', axial)

@@ -236,6 +236,18 @@ def test_a_vibration_far_above_the_static_stiffness_is_a_mode(run_deck):
     assert safe_bound(run_deck, soft, "rk4") == pytest.approx(safe_bound(run_deck, stiff, "rk4"), rel=1e-3)
 
 
+def test_a_motion_that_springs_drive_away_belongs_to_no_body(run_deck):
+    told = run_deck(
+        "&body name='b' mass=2.0 inertia=0.5 /\n&joint name='j' type='prismatic' body_a='b' /\n"
+        "&history name='h' kind='polynomial' coefficients=0.0,-3.0 /\n"
+        "&spring name='k' type='linear' body_a='b' point_b=0.3,0.0 characteristic='h' free_length=0.2 damping=0.4 /\n"
+        "&transient t_end=0.01 method='rk4' step=1e-3 /\n",
+        "--check",
+    ).stdout
+    found = re.search(r"limited by dampers on a mode of springs and rigid bodies, \|eigenvalue\| +(\S+) rad/s", told)
+    assert float(found[1]) == pytest.approx((0.4 + math.sqrt(0.4**2 + 4 * 2 * 3)) / 4, rel=1e-4)  # 2 s2 + 0.4 s - 3
+
+
 def test_a_pole_of_a_slow_spring_beside_a_fast_one_sees_its_mass(run_deck):
     """A GHM term of 1000 rad/s decays with 1149 1/s where its spring carries 1 kg; the other's mode allows more."""
     told = run_deck(
