@@ -217,7 +217,7 @@ contains
       if (maxval(r) >= huge(1.0_wp) .or. max(left%g(k), at%g(k), right%g(k)) >= huge(1.0_wp)) cycle
       change = merge(right%g(k), left%g(k), later) - at%g(k)
       bend = ((r(3) - r(2))/(h(3) - h(2)) - (r(2) - r(1))/(h(2) - h(1)))/(h(3) - h(1))
-      if (abs(change) > least_change*zero(k)) defect(k) = (change - (h(2) - h(1))*(0.5_wp*(r(1) + r(2)) - &
+      if (abs(change)/least_change > zero(k)) defect(k) = (change - (h(2) - h(1))*(0.5_wp*(r(1) + r(2)) - &
         bend*(h(2) - h(1))**2/6))/(h(2)**(order + 1) - h(1)**(order + 1))
       left%rate(k) = left%raw(k) + (order + 1)*defect(k)*left%h**order
       at%rate(k) = at%raw(k) + (order + 1)*defect(k)*at%h**order
