@@ -194,6 +194,21 @@ def draw(count: int, seed: int) -> tuple[dict[Path, list[Statement]], dict[int, 
     return sources, told
 
 
+def prepare() -> None:
+    """Make the copy, all but its sources with mistakes."""
+    shutil.rmtree(COPY, ignore_errors=True)
+    SEEN.mkdir(parents=True)
+    for name in LINKED:
+        (COPY / name).symlink_to(ROOT / name)
+    (COPY / "build").mkdir()
+    shutil.copy2(ROOT / "Makefile", COPY)
+    shutil.copy2(ROOT / "build" / "toolchain.ok", COPY / "build")
+    shutil.copytree(ROOT / "src", COPY / "src", ignore=shutil.ignore_patterns("*.f90"))  # the table of keys, what reads it, C
+    (COPY / "src" / "base" / "planted_mistakes.f90").write_text(QUESTION, encoding="utf-8")
+    (COPY / "answer.c").write_text(ANSWER, encoding="utf-8")
+    subprocess.run(["cc", "-O2", "-c", "answer.c", "-o", "answer.o"], cwd=COPY, check=True)
+
+
 def write(sources: dict[Path, list[Statement]]) -> dict[Path, list[int]]:
     """Write the sources into the copy; return for each file the mistake that each of its lines belongs to, 0 for none."""
     owners = {}
@@ -289,18 +304,8 @@ def meetings(told: dict[int, str], tests: dict[int, list[tuple[float, str]]], jo
 def main() -> int:
     """Plant the mistakes; exit status 1 where more than three in a hundred survive."""
     count, seed, jobs = int(os.environ.get("MUTANTS", "20")), int(os.environ.get("SEED", "1")), os.environ.get("JOBS", "auto")
-    shutil.rmtree(COPY, ignore_errors=True)
-    SEEN.mkdir(parents=True)
-    for name in LINKED:
-        (COPY / name).symlink_to(ROOT / name)
-    (COPY / "build").mkdir()
-    shutil.copy2(ROOT / "Makefile", COPY)
-    shutil.copy2(ROOT / "build" / "toolchain.ok", COPY / "build")
+    prepare()
     sources, told = draw(count, seed)
-    (COPY / "src" / "base").mkdir(parents=True)
-    (COPY / "src" / "base" / "planted_mistakes.f90").write_text(QUESTION, encoding="utf-8")
-    (COPY / "answer.c").write_text(ANSWER, encoding="utf-8")
-    subprocess.run(["cc", "-O2", "-c", "answer.c", "-o", "answer.o"], cwd=COPY, check=True)
     for k in build(sources):
         del told[k]
     print(f"{len(told)} mistakes planted, of {count} drawn; the others do not compile", flush=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -46,3 +47,14 @@ def test_each_mistake_stands_behind_its_question(source, first, text):
 @pytest.mark.parametrize("source", ["real(wp) :: x = 1.0", "case (1)", "end if", "pure subroutine f(x)", "x = 1; y = 2", "else"])
 def test_what_cannot_be_mistaken(source):
     assert mutants.can_be_mistaken(mutants.statements(source)) == []
+
+
+def test_the_copy_builds_from_what_it_has(tmp_path, monkeypatch):
+    copy = tmp_path / "copy"
+    monkeypatch.setattr(mutants, "COPY", copy)
+    monkeypatch.setattr(mutants, "SEEN", copy / "seen")
+    mutants.prepare()
+    mutants.write(mutants.draw(1, 1)[0])
+    done = subprocess.run(["make", "-n", "all"], cwd=copy, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert {"deck_keys.f90", "system_calls.o"} <= {word.split("/")[-1] for word in done.stdout.split()}
