@@ -29,11 +29,12 @@ loaded() { # command: beside twenty processes that only count
   return $status
 }
 
-for kernels in Prescott Haswell SkylakeX Zen; do
-  suite "BLAS kernels of $kernels" env OPENBLAS_CORETYPE=$kernels
-done
+solver=  # OpenBLAS for the solver, too, which is linked with the reference BLAS
 for library in ${OPENBLAS:-/usr/lib/*/openblas-*}; do
-  [ -e "$library/libblas.so.3" ] && suite "OpenBLAS for the solver" env LD_LIBRARY_PATH="$library"
+  [ -e "$library/liblapack.so.3" ] && solver=LD_LIBRARY_PATH=$library
+done
+for kernels in Prescott Haswell SkylakeX Zen; do
+  suite "BLAS kernels of $kernels" env OPENBLAS_CORETYPE=$kernels ${solver:+"$solver"}
 done
 suite "locale C" env LC_ALL=C LANG=C
 suite "no terminal, no home" env -u TERM -u COLUMNS HOME=/nonexistent
