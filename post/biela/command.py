@@ -31,12 +31,19 @@ def options_of(args: argparse.Namespace, kind: type) -> object:
     return kind(**{one.name: given[one.name] for one in dataclasses.fields(kind) if given.get(one.name) is not None})
 
 
-def call_solver(biela: Path, *words: object) -> subprocess.CompletedProcess:
-    """Call the solver and return its status and what it writes; BielaError where it cannot be called."""
+def call_solver(biela: Path, *words: object, given: str | None = None) -> subprocess.CompletedProcess:
+    """Call the solver and return its status and what it writes; BielaError where it cannot be called.
+
+    Args:
+        biela: the solver
+        words: of its command line
+        given: text on its standard input
+    """
     import subprocess
 
     try:
-        return subprocess.run([biela.resolve(), *words], capture_output=True, encoding="utf-8", errors="replace", check=False)
+        return subprocess.run([biela.resolve(), *words], input=given, stdin=subprocess.DEVNULL if given is None else None,
+                              capture_output=True, encoding="utf-8", errors="replace", check=False)  # fmt: skip
     except OSError as fault:
         raise BielaError(f"{biela}: cannot be run ({fault.strerror}): `make` builds it, --biela names another") from None
 

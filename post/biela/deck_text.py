@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .command import SOLVER, call_solver
-from .result_files import BielaError
+from .deck import DeckError as _DeckError
 
 GROUP = re.compile(r"&([A-Za-z_]\w*)")
 ASSIGNMENT = re.compile(r"(?<![\w.])([A-Za-z_]\w*)\s*=")
@@ -20,7 +20,7 @@ ITEM = re.compile(r"(?:\{[^}\n]*\}|[^,\s{])+")
 REPEATED = re.compile(r"(\d+)\*(.+)")
 
 
-class DeckError(BielaError):
+class DeckError(_DeckError):
     """A deck that cannot be read or edited."""
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .deck import Deck
 from .study_runs import StudyRuns
 from .sweep_study import Study, StudyOptions
 
@@ -47,8 +48,8 @@ class DesignRuns(StudyRuns):
         units: of the results
     """
 
-    def __init__(self, study: Study, text: str, options: StudyOptions, folder: Path) -> None:
-        super().__init__(replace(study, extremes=True), text, options, folder)
+    def __init__(self, study: Study, deck: Deck, options: StudyOptions, folder: Path) -> None:
+        super().__init__(replace(study, extremes=True), deck, options, folder)
         self.made: list[Design] = []
         self.seen: dict[str, Design] = {}
         self.checked = 0

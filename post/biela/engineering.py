@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from . import deck_text
+from .deck import Deck
 from .histories import History
 from .material_law import Material, of_group
 from .mechanism import Mechanism
@@ -52,7 +52,7 @@ def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str
             yield f"largest deflection, {name}", f"{size[row, node]:.4g} m{share} at node {node + 1}, t = {scene.time[row]:.4g} s"
 
 
-def of_history(table: History, deck: deck_text.DeckText, rounding: set[str]) -> Iterator[tuple[str, str]]:
+def of_history(table: History, deck: Deck, rounding: set[str]) -> Iterator[tuple[str, str]]:
     """Yield the largest values of sensors, of stresses with the element or node; rounding: columns that hold nothing else."""
     groups = {group.name: group for group in deck.all("sensor")}
     for name in table.names[1:]:
@@ -71,7 +71,7 @@ def of_history(table: History, deck: deck_text.DeckText, rounding: set[str]) -> 
             yield words.format(sensor), peak
 
 
-def turning_drives(scene: dict, deck: deck_text.DeckText) -> dict[str, dict]:
+def turning_drives(scene: dict, deck: Deck) -> dict[str, dict]:
     """Return the rotational drives whose reactions sensors measure, by the sensor's name in lower case."""
     drives = {drive["name"].lower(): drive for drive in scene["drives"] if drive["kind"] == "rotation"}
     measured = {group.name: group.word("drive") for group in deck.all("sensor") if group.word("quantity") == "reaction"}
@@ -79,7 +79,7 @@ def turning_drives(scene: dict, deck: deck_text.DeckText) -> dict[str, dict]:
 
 
 def of_drives(
-    table: History, drives: dict[str, dict], deck: deck_text.DeckText, motion: Mechanism | None
+    table: History, drives: dict[str, dict], deck: Deck, motion: Mechanism | None
 ) -> Iterator[tuple[str, str]]:
     """Yield torque, power and energy of each rotational drive whose reaction is measured and whose turn is known.
 
@@ -157,7 +157,7 @@ def of_modes(figures: dict) -> Iterator[tuple[str, str]]:
         yield f"mode {pole['mode']}", f"{pole['frequency']:.4g} Hz, damping ratio {pole['damping_ratio']:.3g}"
 
 
-def materials(deck: deck_text.DeckText) -> list[tuple[str, Material, tuple[float, float]]]:
+def materials(deck: Deck) -> list[tuple[str, Material, tuple[float, float]]]:
     """Return name, modulus and band [Hz] of each viscoelastic material of a deck."""
     found = []
     for group in deck.all("material"):

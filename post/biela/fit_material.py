@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import html
 import sys
-import tempfile
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,8 +13,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.ticker import FuncFormatter
 
-from . import deck_text, material_data
+from . import material_data
 from .command import call_solver
+from .deck import read as read_deck
+from .deck import where_of
 from .master_curve import MasterCurve, master_curve
 from .material_data import DataError, Measurements
 from .material_fit import NEAR, Fit, choose_terms, fit, relative_error, rms
@@ -138,7 +139,7 @@ class MaterialFit:
 
 def read_material(source: Path, name: str | None, biela: Path) -> tuple[str, Material, float]:
     """Return name, modulus and density of the deck's material; DeckError."""
-    deck = deck_text.read(source, biela=biela)
+    deck = read_deck(source, biela=biela)
     group = deck.one("material", (name or "").lower())
     return group.word("name"), of_group(group), group.number("density")
 
@@ -273,13 +274,10 @@ def picture(
 
 def stable_steps(path: Path, name: str | None, material: Material, biela: Path) -> list[str]:
     """Return what the solver says of the explicit steps of a deck whose material of that name gets the terms; DataError."""
-    deck = deck_text.read(path, biela=biela)
-    group = deck.one("material", (name or "").lower())
-    values = dict.fromkeys((*GHM_KEYS, *MAXWELL_KEYS, "ghm_frequency_scale")) | material.assignments()
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / path.name
-        copy.write_text(deck.set(group, **values).text, encoding="utf-8")
-        done = call_solver(biela, "--check", copy)
+    group = read_deck(path, biela=biela).one("material", (name or "").lower())
+    values = dict.fromkeys((*GHM_KEYS, *MAXWELL_KEYS, "ghm_frequency_scale"), "") | material.assignments()
+    words = [word for key, value in values.items() for word in ("--set", f"{where_of(group)}{key}={value}")]
+    done = call_solver(biela, "--check", *words, path)
     if done.returncode == 2:
         message = (done.stderr.strip() or done.stdout).splitlines()[0]
         raise DataError(f"{path}: with the fitted terms the solver says: {message}")

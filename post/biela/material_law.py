@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .deck_text import DeckError, Group
+from .deck import DeckError, Group
 
 NONE = np.zeros(0)
 GHM_KEYS = ("ghm_alpha", "ghm_zeta", "ghm_omega")

@@ -11,15 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from . import deck_text
 from .command import options_of
+from .deck import flat_text
 from .derivatives import derivatives
 from .design_runs import Design, DesignRuns, RunsOverError
 from .design_search import Goal, Limit, Search, scales_of, search_all, several_of
 from .design_space import Space
 from .optimum import ACTIVE, Optimum, position_of
 from .result_files import HistoryError, remove_noted
-from .sweep_run import assign, assignments, literal
+from .sweep_run import settings_of
 from .sweep_study import Study, StudyOptions
 from .sweep_work import parse_goal, prepare, tell
 
@@ -275,20 +275,17 @@ def write_files(found: Optimum, options: StudyOptions) -> None:
             csv.writer(file).writerows(found.history())
         (found.folder / "optimum.json").write_text(json.dumps(found.figures, indent=1) + "\n", encoding="utf-8")
         if found.best:
-            settings, variables = assignments(found.study, found.best.point)
-            deck = deck_text.read(found.study.deck, *settings, biela=options.biela)
-            for target, value in variables:
-                deck = assign(deck, target, literal(value))
-            (found.folder / "optimum.nml").write_text(deck.text, encoding="utf-8")
+            deck = flat_text(options.biela, found.study.deck, *settings_of(found.study, found.best.point))
+            (found.folder / "optimum.nml").write_text(deck, encoding="utf-8")
     except OSError as fault:
         raise HistoryError(f"{fault.filename}: cannot be written ({fault.strerror})") from None
 
 
 def optimise(options: StudyOptions) -> Optimum:
     """Search the best design of a study and write its files; BielaError where it cannot be run."""
-    study, text = prepare(options, design=False)
+    study, deck = prepare(options, design=False)
     goal, folder = goal_of(study, options), options.folder("optimise")
-    with DesignRuns(study, text, options, folder) as runs:
+    with DesignRuns(study, deck, options, folder) as runs:
         found = find(runs, goal)
     found.made, found.units, found.runs, found.folder = runs.made, runs.units, runs.count, folder
     found.warnings = runs.journal.warnings

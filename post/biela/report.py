@@ -15,9 +15,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
-from . import deck_text, engineering, loss_picture, modes, plot
 from . import draw as scene_picture
+from . import engineering, loss_picture, modes, plot
 from .animate import sheet
+from .deck import Deck, groups_of
 from .histories import History, read, read_summary
 from .mechanism import from_run
 from .picture_files import lay_out
@@ -177,7 +178,7 @@ def meaning_of_letters(runs: list[Run]) -> str:
 
 def findings(run: Run) -> dict[str, str]:
     """Return what a designer asks of a run, in words by what it is."""
-    deck = parse_deck(run)
+    deck = deck_of(run)
     found: list[tuple[str, str]] = []
     table, motions = (part.between(run.start, run.end) if (part := run.table(kind)) else None for kind in ("history", "motion"))
     energies = part.between(run.start, math.inf) if (part := run.table("energy")) else None  # what was lost is told of its end
@@ -207,9 +208,9 @@ def early(run: Run, found: dict[str, str]) -> list[str]:
     return [f"{words}: {', '.join(names)}."] if names else []
 
 
-def parse_deck(run: Run) -> deck_text.DeckText:
+def deck_of(run: Run) -> Deck:
     """Return the deck of a run in numbers, with all included parts."""
-    return deck_text.parse(run.figures["flat_deck"])
+    return Deck(run.folder, groups_of(run.figures["groups"]))
 
 
 def results(runs: list[Run]) -> Section:
@@ -225,7 +226,7 @@ def results(runs: list[Run]) -> Section:
     for run in runs:
         poles = run.figures.get("modes", {}).get("poles", [])
         frequencies = [pole["frequency"] for pole in poles if pole["kind"] == "damped" and pole["frequency"] > 0.0]
-        for name, law, band in engineering.materials(parse_deck(run)):
+        for name, law, band in engineering.materials(deck_of(run)):
             modulus = name, str(law), band, frequencies
             if modulus not in drawn_moduli:  # two runs often have the same material
                 drawn_moduli.append(modulus)

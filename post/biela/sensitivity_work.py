@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import deck_text
 from .command import finite, options_of
+from .deck import Deck
 from .derivatives import HEADER, derivatives, rows_of
 from .design_runs import Design, DesignRuns, RunsOverError
 from .design_space import Space
@@ -27,7 +27,7 @@ class FailedDesignError(BielaError):
     """The run of the design at which derivatives are wanted fails."""
 
 
-def design_of(study: Study, space: Space, options: StudyOptions) -> tuple[np.ndarray, tuple]:
+def design_of(study: Study, deck: Deck, space: Space, options: StudyOptions) -> tuple[np.ndarray, tuple]:
     """Return position (unit cube) and choice of the design at which derivatives are taken: of --at, of the study, of the deck.
 
     Raises:
@@ -40,7 +40,7 @@ def design_of(study: Study, space: Space, options: StudyOptions) -> tuple[np.nda
             known = ", ".join(one.name for one in study.parameters)
             raise HistoryError(f"--at {word!r}: NAME=VALUE expected, NAME one of {known}")
         asked[name] = value
-    own = {group.name: group.number("value") for group in deck_text.read(study.deck, biela=options.biela).all("parameter")}
+    own = {group.name: group.number("value") for group in deck.all("parameter")}
     position = space.start()
     for k, one in enumerate(space.free):
         low, high = one.ends
@@ -133,13 +133,13 @@ class Sensitivity:
 
 def sensitivity(options: StudyOptions) -> Sensitivity:
     """Take the derivatives and write their table; BielaError where the study cannot be run or the design itself fails."""
-    study, text = prepare(options, design=False)
+    study, deck = prepare(options, design=False)
     space = Space.of(study)
     if not space.free:
         raise HistoryError(f"{options.study}: no parameter is free: from and to expected")
     folder = options.folder("sensitivity")
-    position, choice = design_of(study, space, options)
-    with DesignRuns(study, text, options, folder) as runs:
+    position, choice = design_of(study, deck, space, options)
+    with DesignRuns(study, deck, options, folder) as runs:
         try:
             (base,) = runs.of([space.point(position, choice)])
             (checked,) = runs.of([base.point], check=True)

@@ -9,13 +9,13 @@ import functools
 import html
 import math
 import os
-import subprocess
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import command, deck_text
+from . import command
+from .deck import literal
 from .figures import Figures, figures
 from .histories import History, read, read_summary
 from .result_files import RESULT_FILES, BielaError
@@ -130,60 +130,26 @@ def run(
     program = find_solver(solver)
     text = str(deck) if isinstance(deck, str) and ("&" in deck or "\n" in deck) else None
     source, given = ("-", text) if text is not None else (str(deck), None)
-    values = {name: _literal(name, value) for name, value in (set or {}).items()}
-    words = [word for name, value in values.items() if "/" not in name for word in ("--set", f"{name}={value}")]
-    variables = {name: value for name, value in values.items() if "/" in name}
-    if variables:
-        given, source, words = _with_variables(_call([program, "--flat", *words, source], given).stdout, variables), "-", []
+    words = [word for name, value in (set or {}).items() for word in ("--set", f"{name}={_literal(name, value)}")]
     keep = tempfile.TemporaryDirectory(prefix="biela-") if folder is None else None
     results = Path(folder) if folder is not None else Path(keep.name) / "results"
-    done = _call([program, "--quiet", "--output", results, *words, source], given, results, keep)
-    return done if isinstance(done, Result) else Result(results, keep)
+    done = command.call_solver(program, "--quiet", "--output", results, *words, source, given=given)
+    if not done.returncode:
+        return Result(results, keep)
+    lines = [line for line in done.stderr.splitlines() if line.strip() and ": warning: " not in line]
+    written = (results / "summary.json").is_file()
+    message = "\n".join(lines) or f"the solver ended with status {done.returncode}"
+    raise SolverError(message, done.returncode, Result(results, keep) if written else None)
 
 
 def _literal(name: str, value: object) -> str:
-    """Return a value as decks write it: numbers in full, words in quotes, lists with commas."""
-    if isinstance(value, bool):
-        return ".true." if value else ".false."
+    """Return a value as decks write it: numbers in full, words in quotes, lists with commas; a parameter's are expressions."""
     if isinstance(value, str):
-        return value if "/" not in name else f"'{value}'"
-    if hasattr(value, "__iter__"):
-        return ",".join(_literal(name, item) for item in value)
-    if isinstance(value, (int, float)) or hasattr(value, "__float__"):
-        if not math.isfinite(float(value)):
-            raise BielaError(f"{name} = {value}: a finite number expected")
-        return repr(int(value)) if isinstance(value, int) else repr(float(value))
-    raise BielaError(f"{name}: {type(value).__name__} is no value of a deck; a number, a word, or a list expected")
-
-
-def _with_variables(text: str, variables: dict[str, str]) -> str:
-    """Return a flat deck with variables set, each named group/variable or group/name/variable."""
-    from .sweep_run import assign
-    from .sweep_study import TARGET, Target
-
-    deck = deck_text.parse(text)
-    for words, value in variables.items():
-        found = TARGET.fullmatch(words.lower())
-        if not found:
-            raise BielaError(f"{words}: group/variable or group/name/variable expected")
-        target = Target(found["group"], found["name"] or "", found["variable"], int(found["index"] or 0))
-        deck = assign(deck, target, value)
-    return deck.text
-
-
-def _call(words: list, given: str | None, folder: Path | None = None, keep: object = None) -> subprocess.CompletedProcess:
-    """Call the solver with a deck's text on its standard input; SolverError with its words where it does not end with 0."""
+        return literal(value) if "/" in name else value
     try:
-        done = subprocess.run(words, input=given, stdin=None if given is not None else subprocess.DEVNULL, capture_output=True,
-                              encoding="utf-8", errors="replace", check=False)  # fmt: skip
-    except OSError as fault:
-        raise BielaError(f"{words[0]}: cannot be run ({fault.strerror})") from None
-    if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if line.strip() and ": warning: " not in line]
-        written = folder is not None and (folder / "summary.json").is_file()
-        message = "\n".join(lines) or f"the solver ended with status {done.returncode}"
-        raise SolverError(message, done.returncode, Result(folder, keep) if written else None)
-    return done
+        return ",".join(map(literal, value)) if hasattr(value, "__iter__") else literal(value)
+    except BielaError as fault:
+        raise BielaError(f"{name}: {fault}") from None
 
 
 def _options(kind: type, tool: str, source: str | Path, folder: str | Path | None, given: Mapping[str, object]) -> object:

@@ -11,9 +11,10 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from dataclasses import asdict
 from pathlib import Path
 
+from .deck import Deck
 from .progress import Progress
 from .result_files import HistoryError
-from .sweep_run import Batch, Row, assignments, end_with_parent, run_batch
+from .sweep_run import Batch, Row, common_settings, end_with_parent, run_batch, settings_of
 from .sweep_study import Study, StudyOptions
 
 FOLDER = Path(__file__).resolve().parents[1]  # of the package
@@ -77,7 +78,7 @@ def keys(study: Study, text: str, biela: Path) -> list[str]:
     """Return a key for each run: a hash of solver, deck, values, measures and what measures. The same key means the same run."""
     programs = biela, *(FOLDER / "biela" / name for name in ("sweep_run.py", "sweep_scalars.py"))
     solver = hashlib.sha256(b"".join(path.read_bytes() for path in programs)).hexdigest()
-    targets = [[one.name, [asdict(target) for target in one.targets], one.catalogue] for one in study.parameters]
+    targets = [[one.name, one.targets, one.catalogue] for one in study.parameters]
     common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets, study.extremes, study.check])
     head = hashlib.sha256(common.encode())
     found = []
@@ -88,14 +89,14 @@ def keys(study: Study, text: str, biela: Path) -> list[str]:
     return found
 
 
-def batches(study: Study, wanted: list[int], options: StudyOptions, folder: Path) -> Iterator[Batch]:
+def batches(study: Study, deck: Deck, wanted: list[int], options: StudyOptions, folder: Path) -> Iterator[Batch]:
     """Yield batches of the runs that are still to be made."""
+    common = common_settings(study, deck, not options.keep)
     size = max(1, min(BATCH, len(wanted) // (4 * options.workers) or 1))
     for first in range(0, len(wanted), size):
-        runs = {number: assignments(study, study.points[number]) for number in wanted[first : first + size]}
+        runs = {number: (*settings_of(study, study.points[number]), *common) for number in wanted[first : first + size]}
         keep = str(folder / "runs") if options.keep else None
-        solver, lean = str(options.biela.resolve()), not options.keep
-        yield Batch(solver, str(study.deck), runs, study.scalars, keep, lean, study.extremes, study.check)
+        yield Batch(str(options.biela.resolve()), str(study.deck), runs, study.scalars, keep, study.extremes, study.check)
 
 
 def _on_worker(folder: str, batch: bytes) -> list[Row]:
@@ -151,15 +152,16 @@ class StudyRuns:
 
     Attributes:
         study: what is varied and measured
-        text: of its deck, and of what that includes
+        deck: that is varied
         options: of the runs
         folder: of the journal, and of decks and results that stay
         journal: of the runs
         progress: on the terminal
     """
 
-    def __init__(self, study: Study, text: str, options: StudyOptions, folder: Path) -> None:
-        self.study, self.text, self.options, self.folder = study, text, options, folder
+    def __init__(self, study: Study, deck: Deck, options: StudyOptions, folder: Path) -> None:
+        self.study, self.deck, self.options, self.folder = study, deck, options, folder
+        self.text = deck.flat(options.biela)
         self.progress = Progress(options.shown)
         self.pool: Executor | None = None
         try:
@@ -192,7 +194,7 @@ class StudyRuns:
         begin_kept(self.folder / "runs", found, self.options.keep)
         wanted = [k for k, key in enumerate(found) if key not in self.journal.done]
         begun, done = time.monotonic(), 0
-        waiting = batches(study, wanted, self.options, self.folder)
+        waiting = batches(study, self.deck, wanted, self.options, self.folder)
         if wanted and not self.pool:
             self.pool = executor(self.options)
         running: set[Future] = set()

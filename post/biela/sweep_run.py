@@ -1,4 +1,4 @@
-"""Runs a batch of a sweep's decks: each flat, with its values, one call of the solver for all, numbers taken from the results.
+"""Runs a batch of a sweep's decks, each with its values: one call of the solver for all, numbers taken from the results.
 
 A batch is what a worker gets at a time, on this machine or another: a run lasts milliseconds, so that starting the solver and
 handing over one run at a time would cost more than the run.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import re
 import shutil
 import tempfile
 import threading
@@ -16,13 +15,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import solver_start
-from .deck_text import DeckError, DeckText, parse, read
+from .command import call_solver
+from .deck import Deck, including, literal, where_of
+from .histories import read_summary
+from .result_files import HistoryError
 from .sweep_scalars import Scalar, measure
-from .sweep_study import Study, StudyError, Target
-
-Assignments = tuple[tuple[str, ...], tuple[tuple[Target, object], ...]]
-
-FAULT = re.compile(r"^(?P<deck>[^\s:]*?(?P<number>\d{6})\.nml)(?::\d+)?:\s*(?P<words>.*)$")
+from .sweep_study import Study
 
 
 @dataclass(frozen=True)
@@ -32,20 +30,18 @@ class Batch:
     Attributes:
         biela: path of the solver
         deck: path of the base deck
-        assignments: of each run, by its number: parameters, NAME=VALUE, and (variable of the deck, value)
+        runs: NAME=VALUE of each run, by its number
         scalars: what is measured
         keep: folder in which decks and results stay, None: they are deleted
-        only_used: sensors that no scalar uses are left out of the decks
         extremes: whether the rows list the extremes of columns
         check: each run measures its own error, which costs three times as much
     """
 
     biela: str
     deck: str
-    assignments: dict[int, Assignments]
+    runs: dict[int, tuple[str, ...]]
     scalars: tuple[Scalar, ...]
     keep: str | None
-    only_used: bool
     extremes: bool = False
     check: bool = False
 
@@ -71,66 +67,31 @@ class Row:
     errors: list[float] = field(default_factory=list)
 
 
-def assign(deck: DeckText, target: Target, value: str) -> DeckText:
-    """Return the deck with a variable set, as text; StudyError where the deck has no such group or list."""
-    found = [group for group in deck.all(target.group) if not target.name or group.name == target.name]
-    words = f"{target.group}{'/' + target.name if target.name else ''}"
-    if len(found) != 1:
-        raise StudyError(f"{words}: the deck has {len(found)} such groups, one expected")
-    if target.index:
-        items = found[0].items(target.variable)
-        if target.index > len(items):
-            raise StudyError(f"{words}/{target.variable}: the deck gives {len(items)} values, no number {target.index}")
-        items[target.index - 1] = value
-        value = ",".join(items)
-    return deck.set(found[0], **{target.variable: value})
+def common_settings(study: Study, deck: Deck, only_used: bool) -> tuple[str, ...]:
+    """Return NAME=VALUE of all runs of a study: an error check where that is wanted, nothing written that is not used.
 
-
-def without_unused_sensors(deck: DeckText, scalars: tuple[Scalar, ...]) -> DeckText:
-    """Return the deck without motion files, and without sensors that neither a scalar nor the deck itself uses."""
-    if any(scalar.mode or scalar.file not in ("history", "energy") for scalar in scalars):
-        return deck
-    used = {scalar.column.partition(".")[0].lower() for scalar in scalars if scalar.file == "history"}
-    text, needed = deck.text, deck.needed_sensors(used)
-    for group in reversed(deck.all("sensor")):
-        if used and group.name not in needed:
-            text = text[: group.start] + text[group.end :]
-    only_used = parse(text)
-    for group in only_used.all("transient"):
-        only_used = only_used.set(group, motion_step=None)
-    return only_used
-
-
-def template(batch: Batch, settings: tuple[str, ...], targets: tuple[Target, ...]) -> str:
-    """Return the text of runs with those parameters, with a mark, '@number@', in the place of each variable that is set.
-
-    Raises:
-        StudyError: the deck has no such variable
-        DeckError: what the solver says of the deck with these parameters
+    Args:
+        study: what is varied and measured
+        deck: its deck
+        only_used: no motion files, no sensors that neither a scalar nor the deck itself uses
     """
-    deck = read(Path(batch.deck), *settings, biela=Path(batch.biela))
-    for k, target in enumerate(targets):
-        deck = assign(deck, target, f"@{k}@")
-    for group in deck.all("transient") if batch.check else []:
-        deck = deck.set(group, check_error=".true.")
-    return (without_unused_sensors(deck, batch.scalars) if batch.only_used else deck).text
+    found = [f"{where_of(group)}check_error=.true." for group in deck.all("transient") if study.check]
+    if not only_used or any(scalar.mode or scalar.file not in ("history", "energy") for scalar in study.scalars):
+        return tuple(found)
+    used = {scalar.column.partition(".")[0].lower() for scalar in study.scalars if scalar.file == "history"}
+    needed = deck.needed_sensors(used)
+    found += [f"{where_of(group)}=" for group in deck.all("sensor") if used and group.name not in needed]
+    return (*found, *(f"{where_of(group)}motion_step=" for group in deck.all("transient")))
 
 
-def assignments(study: Study, point: dict) -> Assignments:
-    """Return what a run sets: parameters as the solver takes them, variables with their values."""
-    settings = tuple(f"{name}={value!r}" for one in study.parameters for name, value in one.settings(point[one.name]).items())
-    return settings, tuple((target, point[one.name]) for one in study.parameters for target in one.targets)
-
-
-def literal(value: object) -> str:
-    """Return a value as a deck states it."""
-    if isinstance(value, bool):
-        return ".true." if value else ".false."
-    return "'" + value.replace("'", "''") + "'" if isinstance(value, str) else repr(value)
+def settings_of(study: Study, point: dict) -> tuple[str, ...]:
+    """Return NAME=VALUE of a run: parameters of the deck, and variables of its groups."""
+    found = [f"{name}={value!r}" for one in study.parameters for name, value in one.settings(point[one.name]).items()]
+    return (*found, *(f"{target}={literal(point[one.name])}" for one in study.parameters for target in one.targets))
 
 
 def run_batch(batch: Batch) -> list[Row]:
-    """Run a batch and return a row of each run, also of those that fail; StudyError where the deck has no such variable."""
+    """Run a batch and return a row of each run, also of those that fail."""
     folder = Path(batch.keep) if batch.keep else Path(tempfile.mkdtemp(prefix="biela-sweep-"))
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -142,29 +103,14 @@ def run_batch(batch: Batch) -> list[Row]:
 
 def _rows(batch: Batch, folder: Path) -> list[Row]:
     """Write the decks, run them, read the results."""
-    texts: dict[tuple[str, ...], str] = {}
-    decks, reasons = {}, {}
-    for number, (settings, values) in batch.assignments.items():
-        decks[number] = folder / f"{number:06d}.nml"
-        try:
-            if settings not in texts:
-                texts[settings] = template(batch, settings, tuple(target for target, _ in values))
-        except DeckError as fault:
-            reasons[number] = str(fault)
-            continue
-        deck = texts[settings]
-        for k, (_, value) in enumerate(values):
-            deck = deck.replace(f"@{k}@", literal(value))
-        decks[number].write_text(deck, encoding="utf-8")
-    names = [path.name for number, path in decks.items() if number not in reasons]
-    stopped = ""
-    if names:
-        with solver_start.start([batch.biela, "--quiet", *names], folder) as solver:
-            _, errors = solver.communicate()
-        reasons |= _reasons(errors)
-        status = solver_start.status(solver)
-        stopped = f"the solver was stopped by signal {-status}" if status < 0 else ""
-    return [_row(number, folder / "results" / path.stem, batch, reasons.get(number, stopped)) for number, path in decks.items()]
+    decks = {number: folder / f"{number:06d}.nml" for number in batch.runs}
+    for number, path in decks.items():
+        path.write_text(including(Path(batch.deck), batch.runs[number]), encoding="utf-8")
+    with solver_start.start([batch.biela, "--quiet", *(path.name for path in decks.values())], folder) as solver:
+        solver.communicate()
+    status = solver_start.status(solver)
+    stopped = f"the solver was stopped by signal {-status}" if status < 0 else ""
+    return [_row(number, folder / "results" / path.stem, path, batch, stopped) for number, path in decks.items()]
 
 
 def end_with_parent() -> None:
@@ -179,22 +125,24 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _reasons(text: str) -> dict[int, str]:
-    """Return what standard error says of each deck first, warnings left out, by the number in the deck's name."""
-    found: dict[int, str] = {}
-    for line in text.splitlines():
-        words = FAULT.match(line)
-        if words and not words["words"].startswith("warning") and int(words["number"]) not in found:
-            found[int(words["number"])] = words["words"]
-    return found
-
-
-def _row(number: int, folder: Path, batch: Batch, reason: str) -> Row:
+def _row(number: int, results: Path, deck: Path, batch: Batch, stopped: str) -> Row:
     """Return the numbers of a run that came to its end, else the reason why it did not."""
+    try:
+        summary = read_summary(results)
+        reason = "" if summary["status"] == 0 else summary["outcome"]
+    except HistoryError:  # the deck was refused: the solver says why when it is asked for this one alone
+        reason = stopped or _refusal(batch, deck)
     if not reason:
         try:
-            found = measure(folder, batch.scalars, batch.extremes, batch.check)
+            found = measure(results, batch.scalars, batch.extremes, batch.check)
             return Row(number, found.values, found.units, "", found.extremes if batch.extremes else [], found.errors)
         except ValueError as fault:
             reason = str(fault)
     return Row(number, [], [], reason)
+
+
+def _refusal(batch: Batch, deck: Path) -> str:
+    """Return the first line that the solver writes of a deck, warnings left out."""
+    done = call_solver(Path(batch.biela), "--check", deck)
+    lines = [line for line in done.stderr.splitlines() if ": warning: " not in line]
+    return (lines or ["the solver has left no results"])[0].removeprefix(f"{Path(batch.deck).parent}/").removeprefix(f"{deck}: ")

@@ -40,7 +40,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-TARGET = re.compile(r"(?P<group>\w+)/(?:(?P<name>[\w-]+)/)?(?P<variable>\w+)(?:\((?P<index>\d+)\))?")
+TARGET = re.compile(r"\w+/([\w-]+/)?\w+(\(\d+\))?")
 DESIGNS = ("grid", "zip", "latin_hypercube")
 MOST_RUNS = 1_000_000  # of a study
 
@@ -50,29 +50,12 @@ class StudyError(BielaError):
 
 
 @dataclass(frozen=True)
-class Target:
-    """A variable of a deck's group.
-
-    Attributes:
-        group: kind of the group, lower case
-        name: the group's own name, lower case, '' where it has none
-        variable: lower case
-        index: element of a list, 1 the first; 0: the variable itself
-    """
-
-    group: str
-    name: str
-    variable: str
-    index: int
-
-
-@dataclass(frozen=True)
 class Parameter:
     """A quantity that is varied.
 
     Attributes:
         name: column of the table; of the deck's parameter where there are no targets
-        targets: variables that get it, in the place of a parameter
+        targets: GROUP/NAME/KEY that get it, in the place of a parameter
         values: what it takes
         log: a Latin hypercube samples it by its logarithm
         unit: as the table and the pictures show it
@@ -83,7 +66,7 @@ class Parameter:
     """
 
     name: str
-    targets: tuple[Target, ...]
+    targets: tuple[str, ...]
     values: tuple
     log: bool
     unit: str = ""
@@ -239,12 +222,11 @@ def _tables(content: dict, kind: str) -> list[dict]:
     return found
 
 
-def _target(text: object) -> Target:
-    """Return the variable that 'group/name/variable(index)' names."""
-    found = TARGET.fullmatch(text) if isinstance(text, str) else None
-    if not found:
+def _target(text: object) -> str:
+    """Return the variable that is named."""
+    if not isinstance(text, str) or not TARGET.fullmatch(text):
         raise StudyError(f"set: {text!r}: 'group/name/variable', 'group/variable' or '.../variable(2)' expected")
-    return Target(found["group"].lower(), (found["name"] or "").lower(), found["variable"].lower(), int(found["index"] or 0))
+    return text
 
 
 def _parameter(entry: dict, folder: Path) -> Parameter:

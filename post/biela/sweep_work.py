@@ -14,10 +14,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import command, deck_text, histories
+from . import command, histories
+from .deck import Deck
+from .deck import read as read_deck
 from .result_files import HistoryError, remove_noted
 from .study_runs import StudyRuns
-from .sweep_run import assign, literal
 from .sweep_scalars import Scalar, vibrations
 from .sweep_study import Study, StudyError, StudyOptions, read
 
@@ -101,8 +102,8 @@ def best(study: Study, rows: list[list], goal: str, conditions: list[str]) -> st
     return f"best of {count} runs ({goal}{''.join(', ' + condition for condition in conditions)}): {values}"
 
 
-def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, str]:
-    """Return a study and the text of its deck, in which all its parameters were found.
+def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, Deck]:
+    """Return a study and its deck, which has all its parameters.
 
     Args:
         options: of the study
@@ -118,27 +119,25 @@ def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, str]:
     ends = [one.end if math.isfinite(one.end) else options.end for one in study.scalars]
     scalars = tuple(replace(one, start=start, end=end) for one, start, end in zip(study.scalars, starts, ends))
     study = replace(study, scalars=scalars)
-    base = deck_text.read(study.deck, biela=options.biela)
-    known = [group.name for group in base.all("parameter")]
+    deck = read_deck(study.deck, biela=options.biela)
+    known = [group.name for group in deck.all("parameter")]
     for parameter in study.parameters:
         for name in parameter.deck_names:
             if name.lower() not in known:
                 raise StudyError(f"parameter {name}: the deck has no &parameter of that name ({', '.join(known) or 'none'})")
         for target in parameter.targets:
-            base = assign(base, target, literal(parameter.values[0]))
+            deck.check(target)
     if any(one.mode for one in study.scalars):
-        study = replace(study, scalars=_with_shapes(study.scalars, base, options.biela))
-    return study, deck_text.sources(study.deck)
+        study = replace(study, scalars=_with_shapes(study.scalars, deck, options.biela))
+    return study, deck
 
 
-def _with_shapes(scalars: tuple[Scalar, ...], deck: deck_text.DeckText, biela: Path) -> tuple[Scalar, ...]:
+def _with_shapes(scalars: tuple[Scalar, ...], deck: Deck, biela: Path) -> tuple[Scalar, ...]:
     """Return results with the shapes of their vibrations in the study's deck, which its runs follow; StudyError without modes."""
-    for kind in ("transient", "frequency_response"):
-        for group in deck.all(kind):
-            deck = deck.drop(group, "not needed here")
+    deck = deck.drop(*deck.all("transient", "frequency_response"))
     with tempfile.TemporaryDirectory(prefix="biela-") as name:
         folder = Path(name)
-        (folder / "deck.nml").write_text(deck.text, encoding="utf-8")
+        (folder / "deck.nml").write_text(deck.text(), encoding="utf-8")
         done = command.call_solver(biela, "--quiet", "--output", folder, folder / "deck.nml")
         try:
             _, shapes = vibrations(histories.read(folder, "modes"))
@@ -205,9 +204,9 @@ class Sweep:
 
 def sweep(options: StudyOptions) -> Sweep:
     """Run a study, or what is not stored of it, and write its table; BielaError where it cannot be run."""
-    study, text = prepare(options)
+    study, deck = prepare(options)
     folder = options.folder("sweep")
-    with StudyRuns(study, text, options, folder) as runs:
+    with StudyRuns(study, deck, options, folder) as runs:
         entries = runs.entries(study)
     remove_noted(folder)
     result = Sweep(study, folder, *table(study, entries), runs.journal.warnings)

@@ -80,7 +80,8 @@ contains
       end select
     end do
     if (asked%jobs > 1 .and. asked%options%check) call complain('--jobs goes without --check', status)
-    if (asked%options%json .and. .not. asked%options%check) call complain('--json goes with --check', status)
+    if (asked%options%json .and. .not. (asked%options%check .or. asked%options%flat)) call complain('--json goes with --check '// &
+                                                                                                    'or --flat', status)
     if (asked%options%flat .and. (asked%options%check .or. asked%options%restart .or. asked%jobs > 1 .or. n > 1 .or. &
                                   len(asked%options%output) > 0)) call complain('--flat goes with one deck and --set alone', status)
     if (n == 0) call complain('no deck given', status)
@@ -207,8 +208,10 @@ contains
       '                                 input, with results in results/stdin/'//lf// &
       '  biela --check DECK.nml         read, validate, assemble; print the model and the step advice, write nothing'//lf// &
       '  biela --check --json DECK.nml  the same as JSON, with all positions of the assembled scene'//lf// &
-      '  biela --set L=0.3 DECK.nml     with that value of the parameter L; may stand several times'//lf// &
-      '  biela --flat DECK.nml          print the deck as one text: parts in their places, numbers for expressions'//lf// &
+      '  biela --set L=0.3 DECK.nml     with that value of the parameter L, or of a key: section/rod/height=0.02,'//lf// &
+      '                                 transient/step=1e-5; may stand several times'//lf// &
+      '  biela --flat DECK.nml          print the deck as one text: parts in their places, numbers for expressions;'//lf// &
+      '                                 with --json its groups and their values'//lf// &
       '  biela --output DIR DECK.nml    results in DIR/ instead (one deck); short -o'//lf// &
       '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint'//lf// &
       '  biela --jobs N DECK.nml ...    N decks at a time, one line a deck; short -j'//lf// &

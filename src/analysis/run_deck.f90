@@ -65,7 +65,8 @@ contains
     status = status_bad_input
     call read_deck(path, run%d, faults, options%settings, options%flat)
     if (options%flat .and. faults%count == 0) then
-      call print_words(path, run%d%flat, status)
+      if (options%json) call print_words(path, run%d%groups//new_line('a'), status)
+      if (.not. options%json) call print_words(path, run%d%flat, status)
       return
     end if
     if (faults%count == 0) call begin_model(run%d)

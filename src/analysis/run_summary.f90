@@ -108,7 +108,7 @@ contains
     call text%line('')
     call text%line('deck text')
     call text%figure('', 'deck_text', run%d%text, rest='')
-    call text%member('flat_deck', json_text(run%d%flat))
+    call text%member('groups', run%d%groups)
     call write_whole(run%folder//'/summary.json', text%json(), ok)
     if (ok) call write_whole(run%folder//'/summary.txt', readable(text%words%all()), ok)
   end subroutine write_summary

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from biela import deck_text
+from biela import deck
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PchipInterpolator
 
 T_END, STEP = 2.0, 1.25e-2
@@ -382,7 +382,7 @@ def test_a_copy_of_a_deck_finds_its_tables(run_deck, tmp_path):
     (tmp_path / "a.nml").write_text("&body name='b' mass=1.0 inertia=1.0 /\n&include file='parts/h.nml' /\n&static /\n")
     (tmp_path / "b").mkdir()
     copy = tmp_path / "b" / "copy.nml"
-    copy.write_text(deck_text.read(tmp_path / "a.nml").text.replace("&static /", "&modal /"))
+    copy.write_text(deck.read(tmp_path / "a.nml").flat(deck.SOLVER).replace("&static /", "&modal /"))
     run_deck(copy, "--check")
 
 

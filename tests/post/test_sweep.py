@@ -104,7 +104,7 @@ def test_a_sweep_goes_on_where_it_was_interrupted(study, monkeypatch, capsys):
     for runs in (3, 3):  # the second time there is nothing left to run
         _, rest = study(STUDY, "--no-pictures")
         assert rest == whole
-        assert sum(len(batch.assignments) for batch in ran) == runs
+        assert sum(len(batch.runs) for batch in ran) == runs
     assert not Path("results/sweep/study/map_old.png").exists()
     told = "line 1 and 2 more cannot be read; the runs are made again"
     assert capsys.readouterr().err == f"sweep: warning: results/sweep/study/journal.jsonl: {told}\n"

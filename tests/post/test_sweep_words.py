@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from biela import study_runs, sweep_run, sweep_study, sweep_work
-from biela.deck_text import parse
+from biela.deck import read
 from biela.histories import HistoryError
-from biela.sweep_run import Batch, assign, literal, run_batch
+from biela.sweep_run import Batch, run_batch
 from biela.sweep_scalars import Scalar, measure
-from biela.sweep_study import StudyError, Target
+from biela.sweep_study import StudyError
 
 PARAMETER = "[[parameter]]\nname = 'h'\nset = 'section/strip/height'\n"
 RESULT = "[[result]]\nname = 'peak'\nmeasure = 'peak'\ncolumn = 'tip.v'\n"
@@ -201,87 +201,54 @@ def test_results_without_the_number_are_told(folder, change, words, told):
     assert str(fault.value) == told.format(folder)
 
 
-DECK = """&scene gravity=0.0,-9.81 /
-&sensor name='tip' /
-&sensor name='other' /
-&history name='h' file='h.txt' /
-&transient t_end=1.0 /
+DECK = """&parameter name='m' value=1 /
+&body name='b' mass={sqrt(m)} inertia=1 /
+&sensor name='x' quantity='velocity' body='b' /
+&sensor name='other' quantity='angle' body='b' /
+&scene gravity={m},0 /
+&transient t_end=1 step=0.1 motion_step=0.1 /
 """
 
 
-@pytest.mark.parametrize(
-    ("target", "value", "told"),
-    [
-        (Target("scene", "", "gravity", 2), -1.62, "gravity=0.0,-1.62 "),
-        (Target("transient", "", "t_end", 1), 2.0, "t_end=2.0 "),
-        (Target("scene", "", "check", 0), True, "check=.true."),
-        (Target("sensor", "tip", "body", 0), "it's", "body='it''s'"),
-    ],
-)
-def test_a_variable_or_an_element_of_a_list_is_set(target, value, told):
-    assert told in assign(parse(DECK), target, literal(value)).text
-
-
-def test_an_element_that_a_list_does_not_have():
-    with pytest.raises(StudyError, match="scene/gravity: the deck gives 2 values, no number 3"):
-        assign(parse(DECK), Target("scene", "", "gravity", 3), "1.0")
-
-
-def batch(folder: Path, said: str, **changes: object) -> Batch:
-    """Return a batch of two runs by a stand-in for the solver, which says something, and prints the flat deck where it is asked."""
+def batch(folder: Path, solver: Path, **changes: object) -> Batch:
+    """Return a batch of three runs, of which the solver refuses the first."""
     (folder / "deck.nml").write_text(DECK)
-    program = folder / "solver"
-    program.write_text(f'#!/bin/sh\nif [ "$1" = --flat ]; then exec cat "$2"; fi\n{said}\n')
-    program.chmod(0o755)
-    runs = {k: ((), ((Target("transient", "", "t_end", 0), value),)) for k, value in ((4, 0.5), (5, False))}
-    words = dict(assignments=runs, scalars=(Scalar("peak", "peak", "tip.v"),), keep=None, only_used=True)
-    return Batch(str(program), str(folder / "deck.nml"), **{**words, **changes})
+    runs = {k: (f"m={m}", "sensor/other/=") for k, m in enumerate((-1.0, 2.0, 3.0))}
+    words = dict(scalars=(Scalar("peak", "peak", "x.x"), Scalar("m", "summary", key="parameters.m")), keep=None)
+    return Batch(str(solver), str(folder / "deck.nml"), runs, **{**words, **changes})
 
 
-def test_each_run_of_a_batch_has_what_the_solver_says_of_it(tmp_path):
-    said = "echo '000004.nml:3: warning: small' >&2; echo '000004.nml:4: no such word' >&2; echo '000004.nml: more' >&2"
-    rows = run_batch(batch(tmp_path, said))
-    assert [(row.number, row.values, row.reason) for row in rows] == [
-        (4, [], "no such word"),
-        (5, [], "history.txt: No such file or directory"),
-    ]
-    assert {row.reason for row in run_batch(batch(tmp_path, "kill -9 $$"))} == {"the solver was stopped by signal 9"}
-
-
-def test_decks_that_are_kept_hold_the_values(tmp_path):
-    run_batch(batch(tmp_path, "true", keep=str(tmp_path / "runs"), only_used=False))
-    kept = [parse((tmp_path / "runs" / f"00000{k}.nml").read_text()) for k in (4, 5)]
-    assert [deck.one("transient").values["t_end"] for deck in kept] == ["0.5", ".false."]
-    assert len(kept[0].all("sensor")) == 2
-
-
-def test_runs_that_the_solver_refuses_for_their_parameters_say_so_and_the_others_run(tmp_path, biela):
-    (tmp_path / "deck.nml").write_text(
-        "&parameter name='m' value=1 /\n&body name='b' mass={sqrt(m)} inertia=1 /\n"
-        "&sensor name='x' quantity='velocity' body='b' /\n"
-        "&scene gravity={m},0 /\n&transient t_end=1 step=0.1 motion_step=0.1 /\n"
-    )
-    words = dict(scalars=(Scalar("peak", "peak", "x.x"), Scalar("m", "summary", key="parameters.m")), keep=None, only_used=True)
-    runs = {k: ((f"m={m}",), ()) for k, m in enumerate((-1.0, 2.0, 3.0))}
-    rows = run_batch(Batch(str(biela), str(tmp_path / "deck.nml"), runs, **words))
-    assert rows[0].reason == f"{tmp_path}/deck.nml:2: body/b: mass={{sqrt(m)}} takes sqrt of -1, expected an argument >= 0"
+def test_each_run_of_a_batch_has_its_numbers_or_what_the_solver_says_of_it(tmp_path, biela):
+    rows = run_batch(batch(tmp_path, biela))
+    assert rows[0].reason == "deck.nml:2: body/b: mass={sqrt(m)} takes sqrt of -1, expected an argument >= 0"
     assert [row.values for row in rows[1:]] == [pytest.approx([m, m]) for m in (2.0, 3.0)]
 
 
+def test_a_solver_that_is_stopped_is_told(tmp_path):
+    (tmp_path / "solver").write_text("#!/bin/sh\nkill -9 $$\n")
+    (tmp_path / "solver").chmod(0o755)
+    assert {row.reason for row in run_batch(batch(tmp_path, tmp_path / "solver"))} == {"the solver was stopped by signal 9"}
+
+
+def test_decks_that_are_kept_hold_the_values(tmp_path, biela):
+    run_batch(batch(tmp_path, biela, keep=str(tmp_path / "runs")))
+    kept = [read(tmp_path / "runs" / f"00000{k}.nml") for k in (1, 2)]
+    assert [deck.one("scene").numbers("gravity")[0] for deck in kept] == [2.0, 3.0]
+
+
 def test_lean_decks_keep_what_is_measured(tmp_path):
-    names = {}
-    for file in ("history", "modes"):
-        only_used = batch(tmp_path, "true", scalars=(Scalar("peak", "peak", "tip.v", file),))
-        names[file] = [one.name for one in parse(sweep_run.template(only_used, (), ())).all("sensor")]
-    assert names == {"history": ["tip"], "modes": ["tip", "other"]}
+    (tmp_path / "deck.nml").write_text(DECK)
+    for file, told in (("history", ("sensor/other/=", "transient/motion_step=")), ("modes", ())):
+        study = sweep_study.Study("s", tmp_path / "deck.nml", (), (Scalar("peak", "peak", "x.x", file),), ())
+        assert sweep_run.common_settings(study, read(tmp_path / "deck.nml"), True) == told
 
 
 def test_a_worker_that_never_saw_the_folder_runs_a_batch(tmp_path, monkeypatch):
     import pickle
 
     monkeypatch.setattr(sys, "path", [word for word in sys.path if Path(word).resolve() != study_runs.FOLDER])
-    rows = study_runs._on_worker(str(study_runs.FOLDER), pickle.dumps(batch(tmp_path, "exit 0")))
-    assert [row.reason for row in rows] == ["history.txt: No such file or directory"] * 2
+    rows = study_runs._on_worker(str(study_runs.FOLDER), pickle.dumps(batch(tmp_path, Path("/bin/true"))))
+    assert [row.reason for row in rows] == ["the solver has left no results"] * 3
 
 
 def study_of(folder: Path, text: str = f"deck = 'a.nml'\n{VALUES}{RESULT}"):

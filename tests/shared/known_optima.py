@@ -198,9 +198,9 @@ class Pool:
     def submit(self, _: Callable, batch: Batch) -> Future:
         """Work at once."""
         future, rows = Future(), []
-        for number, (settings, _) in batch.assignments.items():
+        for number, settings in batch.runs.items():
             self.runs += 1
-            point = {name: float(value) for name, value in (word.split("=") for word in settings)}
+            point = {name: float(value) for name, value in (word.split("=") for word in settings if "/" not in word)}
             found = self.function(**point)
             peaks = found.pop("extremes", None)
             values = list(found.values())

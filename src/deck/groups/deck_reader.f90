@@ -16,6 +16,8 @@ module deck_reader
   use deck_records, only: deck
   use sorting, only: sort_by_number
   use deck_flat, only: flat_text
+  use deck_json, only: groups_json
+  use deck_overrides, only: add_override, check_overrides, is_override
   use deck_parameters, only: compute_values, parameter_value
   use deck_properties, only: read_parameter, read_material, read_section
   use deck_histories, only: read_history, check_histories, table_files
@@ -37,7 +39,7 @@ contains
     character(*), intent(in) :: path               !! file name as the user gave it
     type(deck), intent(out) :: d                   !! the deck
     type(fault_list), intent(out) :: faults        !! everything that is wrong with it
-    character(*), intent(in), optional :: settings(:)       !! NAME=VALUE of parameters that the command line sets
+    character(*), intent(in), optional :: settings(:)       !! NAME=VALUE of the command line
     logical, intent(in), optional :: library       !! a deck without bodies is no fault
     type(deck_source) :: source
     type(parameter_value), allocatable :: p(:)
@@ -51,6 +53,11 @@ contains
     d%path = path
     d%name = deck_name(path)
     allocate (list(0))
+    if (present(settings)) then
+      do k = 1, size(settings)
+        if (is_override(settings(k))) call add_override(source, settings(k), '', 0, 0)
+      end do
+    end if
     call read_source(source, path, 0, '', list, problem)
     if (len(problem) > 0) then
       call faults%add(path, 0, '', 'cannot be read: '//problem//', expected a deck file')
@@ -61,6 +68,7 @@ contains
       if (k > 1) call text%add('! '//source%parts%sources(k)%path//achar(10))
       call text%add(source%parts%sources(k)%text)
     end do
+    call check_overrides(source, path)
     call classify()
     call compute_values(source, pack(list, kinds == in_parameter), path, p, settings)
     call allocate_records()
@@ -77,7 +85,9 @@ contains
     if (present(library)) needed = .not. library
     if (needed .and. source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
     call sort_faults()
-    if (faults%count == 0) d%flat = flat_text(source%parts, d%parameters%name, d%parameters%value)
+    if (faults%count > 0) return
+    d%flat = flat_text(source%parts, d%parameters%name, d%parameters%value)
+    d%groups = groups_json(source, list, d%parameters%value)
   contains
     !> Finds the kind of every group, counts them and registers the names.
     subroutine classify()

@@ -7,8 +7,10 @@ module deck_files
   use deck_get, only: get
   use deck_keys, only: group_names, in_include
   use deck_lexer, only: split_groups
+  use deck_overrides, only: add_override, is_override, override_file
   use expression, only: is_name
   use deck_paths, only: beside
+  use deck_syntax, only: string_value, value_token
   implicit none (type, external)
   private
   public :: read_source
@@ -27,14 +29,27 @@ contains
     integer, allocatable, intent(inout) :: list(:)         !! receives the groups other than &include, in reading order
     character(:), allocatable, intent(out) :: problem      !! why it cannot be read, empty if it can
     character(:), allocatable :: content
-    integer :: file, next, last, faults, j, k
+    integer :: file, next, last, faults, values, assignments, setting, j, k
+    logical :: changed
     call read_file(path, content, problem, handed=parent == 0)
     if (len(problem) > 0) return
     call deck%parts%add_source(path, content, parent, prefix)
     file = deck%parts%source_count
     next = deck%parts%group_count + 1
     faults = deck%faults%count
-    call split_groups(deck, file)
+    values = deck%parts%value_count
+    assignments = deck%parts%assignment_count
+    setting = 0
+    if (allocated(deck%parts%overrides)) setting = size(deck%parts%overrides)
+    do
+      call split_groups(deck, file)
+      call override_file(deck, file, next, setting, changed)
+      if (.not. changed) exit
+      deck%faults%count = faults
+      deck%parts%value_count = values
+      deck%parts%assignment_count = assignments
+      deck%parts%group_count = next - 1
+    end do
     last = deck%parts%group_count
     deck%parts%sources(file)%first_group = next
     deck%parts%sources(file)%last_group = last
@@ -72,7 +87,8 @@ contains
     integer, intent(in) :: file                   !! number of its file
     integer, allocatable, intent(inout) :: list(:)
     character(:), allocatable :: name, path, prefix, problem
-    integer :: settings
+    type(value_token) :: token
+    integer :: settings, k
     allocate (character(0) :: name)
     allocate (character(0) :: prefix)
     if (deck%parts%groups(number)%readable) then
@@ -81,7 +97,13 @@ contains
       if (deck%is_set('file') .and. len(name) == 0) call deck%complain('file', 'file='''' is empty, expected the '// &
         'name of a deck file')
       call get(deck, deck%row_of('prefix'), prefix)
-      call deck%look_up(deck%row_of('set'), settings)      ! read with the parameters
+      call deck%look_up(deck%row_of('set'), settings)      ! those of parameters are read with the parameters
+      do k = 1, merge(deck%tokens(max(settings, 1)), 0, settings > 0)
+        token = deck%token(settings, k)
+        if (token%form /= string_value) cycle
+        if (is_override(deck%word(token))) call add_override(deck, deck%word(token), &
+          deck%parts%sources(file)%prefix//prefix, file, token%line)
+      end do
       if (len(prefix) > 0 .and. .not. is_name(prefix)) then
         call deck%complain('prefix', 'prefix='//quoted(printable(prefix, 40))//' cannot begin the names of parameters, '// &
           'expected a letter, then letters, digits and _')

@@ -11,7 +11,7 @@ module deck_flat
   use posix, only: current_folder
   implicit none (type, external)
   private
-  public :: flat_text
+  public :: flat_text, number_text, table_path
 
 contains
 
@@ -58,7 +58,6 @@ contains
       integer, intent(in) :: file              !! number of its file
       integer, intent(in) :: g                 !! its number
       integer, intent(inout) :: last           !! last character of the file that is done with
-      character(:), allocatable :: path
       integer :: a, v
       associate (s => parts%sources(file), group => parts%groups(g))
         do a = group%first_assignment, group%first_assignment + group%assignments - 1
@@ -69,9 +68,7 @@ contains
               else if (token%part > 0) then
                 call replace(s%text, token%first, token%first - 1, parts%sources(token%part)%prefix, last)
               else if (parts%assignments(a)%name == 'file') then      ! a table's
-                path = beside(s%path, s%text(token%first:token%last))
-                if (index(path, '/') /= 1) path = current_folder()//path
-                call replace(s%text, token%first, token%last, path, last)
+                call replace(s%text, token%first, token%last, table_path(s%path, s%text(token%first:token%last)), last)
               end if
             end associate
           end do
@@ -90,6 +87,14 @@ contains
       last = through
     end subroutine replace
   end function flat_text
+
+  !> The whole path of a table that a file names.
+  function table_path(file, name) result(path)
+    character(*), intent(in) :: file, name
+    character(:), allocatable :: path
+    path = beside(file, name)
+    if (index(path, '/') /= 1) path = current_folder()//path
+  end function table_path
 
   !> A number in as few digits as give it back; a whole one as an integer, since a variable may ask for that.
   function number_text(x) result(text)

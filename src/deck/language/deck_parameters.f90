@@ -9,6 +9,7 @@ module deck_parameters
   use deck_keys, only: in_parameter
   use deck_names, only: not_there
   use deck_numbers, only: check_range
+  use deck_overrides, only: is_override
   use deck_syntax, only: value_token, bare_value, expression_value, string_value, bad_value
   use expression, only: evaluate, find_names, most_names, name_letters, nearest_constant
   implicit none (type, external)
@@ -48,7 +49,7 @@ contains
     end do
     if (present(settings)) then
       do k = 1, size(settings)
-        call apply_setting(trim(settings(k)), 0, 0)
+        if (.not. is_override(settings(k))) call apply_setting(trim(settings(k)), 0, 0)
       end do
     end if
     call apply_includes()
@@ -93,7 +94,7 @@ contains
         do j = 1, deck%tokens(assignment)
           token = deck%token(assignment, j)
           if (token%form == string_value) then
-            call apply_setting(deck%word(token), g, token%line)
+            if (.not. is_override(deck%word(token))) call apply_setting(deck%word(token), g, token%line)
           else if (token%form /= bad_value) then
             call deck%add_fault(token%line, 'set='//deck%written(token)//' is no text in quotes, expected set=''NAME=VALUE'',...')
           end if

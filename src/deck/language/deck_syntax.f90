@@ -78,6 +78,16 @@ module deck_syntax
     integer :: first_group = 1, last_group = 0   !! its groups
   end type source
 
+  !> A value that stands in the place of a deck's own (`deck_overrides`).
+  type, public :: override
+    character(:), allocatable :: shown          !! as written, for messages
+    character(:), allocatable :: group, name    !! in lower case, the name with its prefix; '': the only group of its kind
+    character(:), allocatable :: key, value     !! '': the group goes; '': the key goes
+    integer :: item = 0                         !! number of a value of a list, 0: all of it; -1: there is none
+    integer :: file = 0, line = 0               !! of the &include in which it stands, 0: the command line
+    integer :: uses = 0                         !! groups for which it holds
+  end type override
+
   !> Everything that stands in the deck and its included files.
   type, public :: syntax
     type(source), allocatable :: sources(:)
@@ -85,6 +95,7 @@ module deck_syntax
     integer, private :: last_with(0:hashes - 1) = 0   !! number of the last file whose path has that hash, 0: none
     type(group), allocatable :: groups(:)
     integer :: group_count = 0
+    type(override), allocatable :: overrides(:)   !! those that prevail first
     type(setting), allocatable :: assignments(:)
     integer :: assignment_count = 0
     type(value_token), allocatable :: values(:)

@@ -1,0 +1,186 @@
+!> Values that stand in the place of a deck's own: GROUP/KEY=VALUE or GROUP/NAME/KEY=VALUE, of the command line or of an &include.
+!> They are written into the text of the file, so that all that is told or printed of the deck has them.
+module deck_overrides
+  use readable_text, only: printable
+  use text, only: digits, lower, nearest_word, quoted, to_text
+  use deck_cursor, only: group_cursor
+  use deck_keys, only: group_names
+  use deck_syntax, only: override, string_value
+  implicit none (type, external)
+  private
+  public :: is_override, add_override, override_file, check_overrides
+
+contains
+
+  !> Whether a setting names a key of a group, not a parameter.
+  pure logical function is_override(setting) result(yes)
+    character(*), intent(in) :: setting        !! NAME=VALUE
+    yes = index(setting(:index(setting//'=', '=') - 1), '/') > 0
+  end function is_override
+
+  !> Notes a setting; those that were noted before prevail.
+  subroutine add_override(deck, setting, prefix, file, line)
+    class(group_cursor), intent(inout) :: deck
+    character(*), intent(in) :: setting        !! GROUP/KEY=VALUE, GROUP/NAME/KEY=VALUE, KEY(2)=VALUE of a list; no VALUE: the key
+                                               !! goes; GROUP/NAME/=: the group goes
+    character(*), intent(in) :: prefix         !! of the names of the part for which it holds
+    integer, intent(in) :: file, line          !! of the &include in which it stands, 0: the command line
+    type(override), allocatable :: more(:)
+    character(:), allocatable :: path
+    integer :: equals, first, last, bracket, k, n
+    n = 0
+    if (allocated(deck%parts%overrides)) n = size(deck%parts%overrides)
+    allocate (more(n + 1))
+    do k = 1, n
+      more(k) = deck%parts%overrides(k)
+    end do
+    equals = index(setting, '=')
+    path = lower(trim(adjustl(setting(:equals - 1))))
+    first = index(path, '/')
+    last = index(path, '/', back=.true.)
+    associate (new => more(n + 1))
+      new%shown = trim(setting)
+      new%value = trim(adjustl(setting(equals + 1:)))
+      new%group = path(:first - 1)
+      new%name = ''
+      if (last > first) new%name = lower(prefix)//path(first + 1:last - 1)
+      new%key = path(last + 1:)
+      new%file = file
+      new%line = line
+      bracket = index(new%key, '(')
+      if (bracket > 0 .and. index(new%key, ')') == len(new%key)) then
+        if (len(new%key) > bracket + 1 .and. verify(new%key(bracket + 1:len(new%key) - 1), digits) == 0) then
+          if (len(new%key) - bracket < 10) read (new%key(bracket + 1:len(new%key) - 1), *) new%item
+          new%key = new%key(:bracket - 1)
+        end if
+      end if
+    end associate
+    call move_alloc(more, deck%parts%overrides)
+  end subroutine add_override
+
+  !> Writes what holds for the groups of a file into its text, one setting at a time: changed is which one, 0 none. The file
+  !> has to be split again after each.
+  subroutine override_file(deck, file, first_group, next, changed)
+    class(group_cursor), intent(inout) :: deck
+    integer, intent(in) :: file, first_group   !! its first group
+    integer, intent(inout) :: next             !! number of the setting that is tried first, the last one at the beginning
+    logical, intent(out) :: changed
+    integer :: g
+    changed = .false.
+    do while (next > 0 .and. .not. changed)
+      do g = first_group, deck%parts%group_count
+        if (.not. meant(next, g)) cycle
+        deck%parts%overrides(next)%uses = deck%parts%overrides(next)%uses + 1
+        if (.not. changed .and. deck%parts%groups(g)%readable .and. deck%parts%groups(g)%slash > 0) call change(next, g)
+      end do
+      next = next - 1
+    end do
+  contains
+    !> Whether a setting holds for a group.
+    logical function meant(k, g) result(yes)
+      integer, intent(in) :: k, g
+      deck%current = g
+      deck%head = deck%parts%groups(g)%first_assignment - 1
+      deck%count = deck%parts%groups(g)%assignments
+      yes = deck%group_word(g) == deck%parts%overrides(k)%group
+      if (yes .and. len(deck%parts%overrides(k)%name) > 0) yes = lower(deck%prefix()//deck%peek('name')) == &
+        deck%parts%overrides(k)%name
+    end function meant
+
+    !> Writes a setting into a group, which is open.
+    subroutine change(k, g)
+      integer, intent(in) :: k, g
+      integer, allocatable :: list(:)
+      integer :: a, begin, end
+      associate (group => deck%parts%groups(g), new => deck%parts%overrides(k), text => deck%parts%sources(file)%text)
+        changed = .true.
+        a = deck%assignment_of(new%key)
+        if (len(new%key) == 0) then
+          call put(group%first - 1, group%slash, '')
+        else if (a == 0 .and. (len(new%value) == 0 .or. new%item > 0)) then
+          changed = .false.
+          if (new%item > 0) new%item = -1
+        else if (a == 0) then
+          call put(group%slash, group%slash - 1, ' '//new%key//'='//new%value//' ')
+        else if (new%item > 0) then
+          list = deck%expanded(a)
+          changed = new%item <= size(list)
+          if (changed) changed = count(list == list(new%item)) == 1
+          if (.not. changed) new%item = -1
+          if (changed) call ends(a, list(new%item), list(new%item), begin, end)
+          if (changed) call put(begin, end, new%value)
+        else
+          call ends(a, 1, deck%tokens(a), begin, end)
+          if (deck%tokens(a) > 0) begin = deck%parts%assignments(deck%head + a)%last + &
+            verify(text(deck%parts%assignments(deck%head + a)%last + 1:), ' =')
+          if (len(new%value) > 0) call put(begin, end, new%value)
+          if (len(new%value) == 0) call put(deck%parts%assignments(deck%head + a)%first, comma_after(end), '')
+        end if
+      end associate
+    end subroutine change
+
+    !> First and last character of some values of an assignment, quotes included.
+    subroutine ends(a, one, other, begin, end)
+      integer, intent(in) :: a, one, other     !! the assignment; numbers of the values
+      integer, intent(out) :: begin, end
+      integer :: quote
+      begin = deck%parts%assignments(deck%head + a)%last + 2
+      end = begin - 1
+      if (other == 0) return
+      quote = merge(1, 0, deck%parts%values(deck%parts%assignments(deck%head + a)%first_value + one - 1)%form == string_value)
+      associate (head => deck%token(a, one), tail => deck%token(a, other))
+        begin = head%first - quote
+        end = tail%last
+        if (tail%form == string_value) end = end + 1
+      end associate
+    end subroutine ends
+
+    !> The last character of the comma that follows a value, if one does.
+    integer function comma_after(last) result(place)
+      integer, intent(in) :: last
+      place = last + verify(deck%parts%sources(file)%text(last + 1:), ' '//achar(9))
+      if (deck%parts%sources(file)%text(place:place) /= ',') place = last
+    end function comma_after
+
+    !> Puts a text in the place of characters of the file; its lines keep their numbers.
+    subroutine put(begin, end, new)
+      integer, intent(in) :: begin, end
+      character(*), intent(in) :: new
+      character(:), allocatable :: text
+      integer :: k, lines
+      text = deck%parts%sources(file)%text
+      lines = count([(text(k:k) == achar(10), k=begin, end)])
+      deck%parts%sources(file)%text = text(:begin - 1)//new//repeat(achar(10), lines)//text(end + 1:)
+    end subroutine put
+  end subroutine override_file
+
+  !> Reports settings that hold for no group, for several, or for no value of a list.
+  subroutine check_overrides(deck, path)
+    class(group_cursor), intent(inout) :: deck
+    character(*), intent(in) :: path           !! of the deck, for messages
+    character(:), allocatable :: problem
+    integer :: k, near
+    if (.not. allocated(deck%parts%overrides)) return
+    do k = 1, size(deck%parts%overrides)
+      associate (one => deck%parts%overrides(k))
+        problem = ''
+        if (.not. any(group_names == one%group)) then
+          near = nearest_word(one%group, group_names)
+          problem = 'names no kind of group, expected GROUP/NAME/KEY=VALUE'
+          if (near > 0) problem = 'names no kind of group, did you mean '//trim(group_names(near))//'?'
+        else if (one%uses /= 1) then
+          problem = 'names '//to_text(one%uses)//' groups of the deck, expected one: GROUP/NAME/KEY=VALUE'
+        else if (one%item < 0) then
+          problem = 'names no single value, expected the number of one that the deck states, without a repeat count'
+        end if
+        if (len(problem) == 0) cycle
+        if (one%file == 0) then
+          call deck%faults%add(path, 0, '', '--set '//printable(one%shown, 80)//' '//problem)
+        else
+          call deck%faults%add(deck%parts%sources(one%file)%path, one%line, '', 'set='//quoted(printable(one%shown, 80))//' '// &
+            problem)
+        end if
+      end associate
+    end do
+  end subroutine check_overrides
+end module deck_overrides
