@@ -17,6 +17,7 @@ module run_deck
   use force_element, only: stage_linear, stage_transient
   use readable_text, only: readable
   use results, only: remove_results, unfinished
+  use periodic_analysis, only: run_periodic
   use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
   use tableaux, only: method_names
@@ -251,6 +252,8 @@ contains
     call check_lapack('modal analysis', fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
     call check_lapack('frequency response', fail)
+    if (run%d%periodic%present .and. .not. fail%happened()) call run_periodic(run, text, fail)
+    call check_lapack('periodic analysis', fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
       run%sys%options%stage = stage_transient
       if (run%d%transient%accuracy > 0.0_wp) then

@@ -13,6 +13,7 @@ module build_scene
   use deck_records, only: deck
   use internal_variables, only: internal_state
   use number_range, only: check_laws, check_distances
+  use repeating_histories, only: check_repeating
   use scene_model, only: loss_cause, scene
   use springs, only: spring_model
   implicit none (type, external)
@@ -34,6 +35,7 @@ contains
     call make_constraints(d, s, faults)
     call make_forces(d, s, faults)
     call make_controllers(d, s)
+    call check_repeating(d, faults)
     if (faults%count == 0) call place_elements(d, s, faults)
   end subroutine build
 

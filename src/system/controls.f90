@@ -75,13 +75,14 @@ contains
   end subroutine rest_controls
 
   !> Starts the discrete states, which only events change from now on; takes the first sample.
-  subroutine start_controls(m, ev, q, v, z)
+  subroutine start_controls(m, ev, q, v, z, given)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     real(wp), intent(inout) :: z(:)           !! (nz) [m, rad, any]
+    logical, intent(in) :: given              !! the states are; else as when they are switched on
     integer :: k
-    call rest_controls(m, ev, q, v, z)
+    if (.not. given) call rest_controls(m, ev, q, v, z)
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k), x => ev%control(k))
         if (c%sample > 0.0_wp) then

@@ -53,17 +53,18 @@ module mechanism_events
 contains
 
   !> Elements that switch take their states from the start; from now on only events change them. Controllers are switched on.
-  subroutine start_switching(self, t, y)
+  subroutine start_switching(self, t, y, given)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    logical, intent(in) :: given            !! states of controllers are those of y; else as when they are switched on
     logical :: ok
     integer :: k
     self%ev%t = t
     self%ev%options = self%options
     associate (nq => self%m%s%nq, nz => self%m%s%nz)
       call start_states(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
-      call start_controls(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz))
+      call start_controls(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), given)
     end associate
     self%roots = most_roots*self%m%s%elements + 2*size(self%m%s%controllers)
     allocate (self%tally(size(self%m%s%switching)))

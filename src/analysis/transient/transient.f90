@@ -109,7 +109,7 @@ contains
       call refuse_uneven(run, 'transient', status_failed, fail)
       if (fail%happened()) return
       run%sys%output_step = r%output_step
-      call run%sys%start_switching(0.0_wp, run%y)
+      call run%sys%start_switching(0.0_wp, run%y, given=run%d%periodic%present)
       call march%method%begin(run%sys, 0.0_wp, run%y)
       if (march%ladder%active) march%files%suffix = pass_suffix(march%ladder%count)
       if (march%rows%filled) call march%check%begin_stored(size(march%rows%values, 1))
@@ -356,6 +356,7 @@ contains
       march%saved = march%method%t
       call a%begin_saving()
       if (run%model_found) call run%exchange_model(a)
+      if (run%d%periodic%present) call run%turns%exchange(a)
       call march%ladder%exchange(a)
       call march%rows%exchange(a)
       call march%exchange(run, a)

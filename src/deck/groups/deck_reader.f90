@@ -7,7 +7,7 @@ module deck_reader
   use errors, only: fault_list
   use deck_keys, only: group_kinds, group_names, is_single, is_named, in_parameter, in_scene, in_material, in_section, &
     in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_controller, in_static, &
-    in_modal, in_response
+    in_modal, in_periodic, in_response
   use deck_input, only: deck_source
   use deck_files, only: read_source
   use deck_names, only: doubtful
@@ -25,6 +25,7 @@ module deck_reader
   use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
   use deck_columns, only: find_column
   use deck_controllers, only: read_controller, check_controllers
+  use deck_periodic, only: read_periodic, check_periodic
   use deck_sensors, only: read_sensor
   use deck_take, only: take
   use deck_transient, only: read_transient
@@ -76,6 +77,7 @@ contains
     call check_inertia()
     call check_response()
     call check_reduction()
+    call check_periodic(d, source%faults)
     call find_arguments()
     call check_controllers(d, source)
     call check_histories(source, d%histories, d%transient%t_end)
@@ -235,8 +237,10 @@ contains
       case (in_response)
         call take(source, d%response)
         call source%check_order('from', d%response%from, 'to', d%response%to)
+      case (in_periodic)
+        call read_periodic(source, d%periodic)
       case default
-        call read_transient(source, d%transient)
+        call read_transient(source, d%transient, d%periodic)
       end select
     end subroutine read_group
 

@@ -4,8 +4,8 @@ module deck_records
   use kinds, only: wp, ip
   use deck_parts, only: column_record, law_record, marker_record
   use deck_values, only: body_values, controller_record, drive_record, force_record, history_values, joint_values, lump_record, &
-    material_record, modal_record, parameter_values, response_record, scene_record, section_values, sensor_values, &
-    spring_values, static_record, stop_values, transient_values
+    material_record, modal_record, parameter_values, periodic_values, response_record, scene_record, section_values, &
+    sensor_values, spring_values, static_record, stop_values, transient_values
   implicit none (type, external)
   private
   public :: column_record, controller_record, drive_record, force_record, law_record, lump_record, marker_record, &
@@ -52,6 +52,12 @@ module deck_records
     logical :: free_method = .false.         !! the accuracy decides on the method, too
   end type transient_record
 
+  type, extends(periodic_values), public :: periodic_record
+    logical :: free_period = .false.         !! the period is an unknown
+    logical :: one_period = .false.          !! the transient runs for one period, whatever that is
+    logical :: own_tolerance = .false.       !! the deck gives it
+  end type periodic_record
+
   !> A whole deck.
   type, public :: deck
     character(:), allocatable :: path        !! as the user named it
@@ -77,6 +83,7 @@ module deck_records
     type(static_record) :: static
     type(modal_record) :: modal
     type(response_record) :: response
+    type(periodic_record) :: periodic
     type(transient_record) :: transient
   end type deck
 end module deck_records

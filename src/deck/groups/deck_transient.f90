@@ -4,7 +4,7 @@ module deck_transient
   use step_counts, only: actual_step, most_counted
   use text, only: to_text, quoted
   use deck_input, only: deck_source
-  use deck_records, only: transient_record
+  use deck_records, only: periodic_record, transient_record
   use deck_take, only: take
   implicit none (type, external)
   private
@@ -13,15 +13,19 @@ module deck_transient
 contains
 
   !> &transient
-  subroutine read_transient(deck, t)
+  subroutine read_transient(deck, t, cycle)
     class(deck_source), intent(inout) :: deck
     type(transient_record), intent(inout) :: t
+    type(periodic_record), intent(inout) :: cycle       !! where the deck has one, it says how long a run is
     real(wp), parameter :: default_accuracy = 1.0e-3_wp   ! [-]
     logical :: searched                 ! method and steps that keep an accuracy are
     t%free_method = .not. deck%is_given('method')
     searched = deck%is_given('accuracy') .or. (t%free_method .and. .not. (deck%is_given('step') .or. deck%is_given('tolerance')))
     deck%any_choice = searched .and. t%free_method       ! then no key is bound to a method
     call take(deck, t)
+    cycle%one_period = cycle%present .and. .not. deck%is_given('t_end')
+    if (cycle%one_period) t%t_end = cycle%period
+    if (.not. cycle%present) call deck%need('t_end')
     if (searched .and. .not. deck%is_given('accuracy')) t%accuracy = default_accuracy
     if (searched) then
       call check_search()

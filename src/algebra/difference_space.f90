@@ -1,0 +1,207 @@
+!> A space of directions V with their images W = M V by difference quotients of a map whose derivative is M (theory.md, section 15).
+!> It grows by one direction a turn; what it knows of M gives Newton's step and the multipliers. Nothing of the size of M is formed.
+module difference_space
+  use kinds, only: wp
+  use lapack, only: dgeev, dgesdd, dgesv
+  implicit none (type, external)
+  private
+
+  !> The space.
+  type, public :: direction_space
+    integer :: count = 0
+    real(wp), allocatable :: basis(:, :)      !! (n, count or more) directions asked for, orthonormal [-]
+    real(wp), allocatable :: v(:, :)          !! (n, count or more) directions that were moved along [-]
+    real(wp), allocatable :: w(:, :)          !! (n, count or more) their images [-]
+  contains
+    procedure :: clear
+    procedure :: add
+    procedure :: rest_of
+    procedure :: fit
+    procedure :: ritz
+    procedure :: amplification
+  end type direction_space
+
+  !> Ritz pairs of M, the largest first.
+  type, public :: ritz_pairs
+    complex(wp), allocatable :: value(:)      !! [-]
+    complex(wp), allocatable :: vector(:, :)  !! (n, pairs) of length 1 [-]
+    real(wp), allocatable :: residual(:)      !! |M x - value x| [-]
+    real(wp), allocatable :: condition(:)     !! change of a value by one of M, at most [-]
+    complex(wp), allocatable :: left(:, :)    !! (space, pairs) left vectors [-]
+    complex(wp), allocatable :: right(:, :)   !! (space, pairs) right vectors; left and right have the product 1 [-]
+  end type ritz_pairs
+
+contains
+
+  !> No directions.
+  subroutine clear(self, n)
+    class(direction_space), intent(inout) :: self
+    integer, intent(in) :: n                  !! unknowns
+    integer, parameter :: first = 16          ! directions that fit without more memory
+    self%count = 0
+    if (.not. allocated(self%v)) allocate (self%basis(n, first), self%v(n, first), self%w(n, first))
+  end subroutine clear
+
+  !> Appends a direction.
+  subroutine add(self, asked, v, w)
+    class(direction_space), intent(inout) :: self
+    real(wp), intent(in) :: asked(:), v(:), w(:)   !! (n) [-]
+    if (self%count == size(self%v, 2)) then
+      self%basis = reshape(self%basis, [size(v), 2*self%count], pad=[0.0_wp])
+      self%v = reshape(self%v, [size(v), 2*self%count], pad=[0.0_wp])
+      self%w = reshape(self%w, [size(v), 2*self%count], pad=[0.0_wp])
+    end if
+    self%count = self%count + 1
+    self%basis(:, self%count) = asked
+    self%v(:, self%count) = v
+    self%w(:, self%count) = w
+  end subroutine add
+
+  !> The part of a vector that is orthogonal to the directions, to rounding.
+  function rest_of(self, x) result(rest)
+    class(direction_space), intent(in) :: self
+    real(wp), intent(in) :: x(:)              !! (n) [-]
+    real(wp) :: rest(size(x))                 ! [-]
+    integer :: pass
+    rest = x
+    associate (b => self%basis(:, :self%count))
+      do pass = 1, 2
+        rest = rest - matmul(b, matmul(rest, b))
+      end do
+    end associate
+  end function rest_of
+
+  !> Coefficients c for which (V - W) c is nearest to r, of least size, and what is left of r. With an unknown period another column
+  !> for it, minus the slope; then the state moves across the slope, which is the phase condition.
+  subroutine fit(self, r, slope, c, rest)
+    class(direction_space), intent(in) :: self
+    real(wp), intent(in) :: r(:)              !! (n) [-]
+    real(wp), intent(in) :: slope(:)          !! (n), or none: of the state at the end by the period, over the period [-]
+    real(wp), allocatable, intent(out) :: c(:)   !! (space), and the change of the period over it [-]
+    real(wp), intent(out) :: rest(:)          !! (n) [-]
+    real(wp), parameter :: cut = 1.0e-7_wp    ! singular values below it are rounding of quotients, of the largest [-]
+    real(wp), allocatable :: a(:, :), s(:), u(:, :), vt(:, :), b(:)
+    integer :: columns, n
+    n = size(r)
+    columns = self%count + min(1, size(slope))
+    allocate (a(n + min(1, size(slope)), columns), source=0.0_wp)
+    b = [r, spread(0.0_wp, 1, size(a, 1) - n)]
+    a(:n, :self%count) = self%v(:, :self%count) - self%w(:, :self%count)
+    if (size(slope) > 0) then
+      a(:n, columns) = -slope
+      a(n + 1, :self%count) = matmul(slope/norm2(slope), self%v(:, :self%count))
+    end if
+    allocate (c(columns), source=0.0_wp)
+    rest = r
+    if (columns == 0) return
+    call decompose(a, s, u, vt)
+    associate (m => count(s > cut*s(1)))
+      c = matmul(matmul(b, u(:, :m))/s(:m), vt(:m, :))
+    end associate
+    rest = r - matmul(a(:n, :), c)
+  end subroutine fit
+
+  !> Singular values and vectors of a tall or wide matrix.
+  subroutine decompose(a, s, u, vt)
+    real(wp), intent(in) :: a(:, :)           !! [-]
+    real(wp), allocatable, intent(out) :: s(:), u(:, :), vt(:, :)   !! [-]
+    real(wp), allocatable :: work(:), copy(:, :)
+    real(wp) :: wanted(1)
+    integer :: m, n, k, info
+    integer, allocatable :: integers(:)
+    m = size(a, 1)
+    n = size(a, 2)
+    k = min(m, n)
+    copy = a
+    allocate (s(k), u(m, k), vt(k, n), integers(8*k))
+    call dgesdd('S', m, n, copy, m, s, u, m, vt, k, wanted, -1, integers, info)
+    allocate (work(nint(wanted(1))))
+    call dgesdd('S', m, n, copy, m, s, u, m, vt, k, work, size(work), integers, info)
+  end subroutine decompose
+
+  !> The map within the space: M V is nearest to V H.
+  function restricted(self) result(h)
+    class(direction_space), intent(in) :: self
+    real(wp), allocatable :: h(:, :)          !! (space, space) [-]
+    real(wp), allocatable :: g(:, :)
+    integer :: pivots(self%count), info
+    associate (v => self%v(:, :self%count), w => self%w(:, :self%count))
+      g = matmul(transpose(v), v)
+      h = matmul(transpose(v), w)
+    end associate
+    call dgesv(self%count, self%count, g, self%count, pivots, h, self%count, info)
+  end function restricted
+
+  !> Ritz pairs, with residuals.
+  subroutine ritz(self, pairs)
+    class(direction_space), intent(in) :: self
+    type(ritz_pairs), intent(out) :: pairs
+    real(wp), allocatable :: h(:, :), left(:, :), right(:, :), re(:), im(:), work(:)
+    integer, allocatable :: order(:)
+    complex(wp), allocatable :: x(:)
+    real(wp) :: size_of                       ! [-]
+    integer :: k, n, info
+    n = self%count
+    h = restricted(self)
+    allocate (left(n, n), right(n, n), re(n), im(n), work(8*n + 8))
+    call dgeev('V', 'V', n, h, n, re, im, left, n, right, n, work, size(work), info)
+    order = descending(hypot(re, im))
+    pairs%value = cmplx(re(order), im(order), wp)
+    allocate (pairs%left(n, n), pairs%right(n, n), pairs%residual(n), pairs%condition(n))
+    allocate (pairs%vector(size(self%v, 1), n))
+    do k = 1, n
+      pairs%left(:, k) = complex_vector(left, im, order(k))
+      pairs%right(:, k) = complex_vector(right, im, order(k))
+      associate (product => dot_product(pairs%left(:, k), pairs%right(:, k)))
+        pairs%condition(k) = 1/max(abs(product), tiny(1.0_wp))
+        pairs%left(:, k) = pairs%left(:, k)/conjg(product)
+      end associate
+      x = matmul(self%v(:, :n), pairs%right(:, k))
+      size_of = sqrt(sum(abs(x)**2))
+      pairs%residual(k) = sqrt(sum(abs(matmul(self%w(:, :n), pairs%right(:, k)) - pairs%value(k)*x)**2))/size_of
+      pairs%vector(:, k) = x/size_of
+    end do
+  end subroutine ritz
+
+  !> A vector of dgeev: of a pair, real and imaginary part stand in two columns.
+  pure function complex_vector(x, im, k) result(z)
+    real(wp), intent(in) :: x(:, :)           !! [-]
+    real(wp), intent(in) :: im(:)             !! imaginary parts of the values; those of a pair have opposite signs [-]
+    integer, intent(in) :: k
+    complex(wp) :: z(size(x, 1))
+    z = x(:, k)
+    if (im(k) > 0.0_wp) z = cmplx(x(:, k), x(:, k + 1), wp)
+    if (im(k) < 0.0_wp) z = cmplx(x(:, k - 1), -x(:, k), wp)
+  end function complex_vector
+
+  !> Numbers in descending order; equal ones, the two of a pair, stay as they are.
+  pure function descending(x) result(order)
+    real(wp), intent(in) :: x(:)              !! [-]
+    integer :: order(size(x)), i, j, k
+    order = [(k, k=1, size(x))]
+    do i = 2, size(x)
+      k = order(i)
+      j = i - 1
+      do while (j > 0)
+        if (x(order(j)) >= x(k)*(1 + 1.0e-12_wp)) exit
+        if (abs(x(order(j)) - x(k)) <= 1.0e-12_wp*x(k)) exit
+        order(j + 1) = order(j)
+        j = j - 1
+      end do
+      order(j + 1) = k
+    end do
+  end function descending
+
+  !> By how much an error of one turn appears in the cycle: the size of (1 - M)^-1 in the space.
+  real(wp) function amplification(self) result(factor)   ! [-]
+    class(direction_space), intent(in) :: self
+    real(wp), allocatable :: h(:, :), s(:), u(:, :), vt(:, :)
+    integer :: k
+    h = -restricted(self)
+    do k = 1, self%count
+      h(k, k) = h(k, k) + 1
+    end do
+    call decompose(h, s, u, vt)
+    factor = 1/max(s(self%count), tiny(1.0_wp))
+  end function amplification
+end module difference_space

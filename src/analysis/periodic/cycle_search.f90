@@ -1,0 +1,322 @@
+!> Search of a cycle, a start from which the motion repeats, by Newton's method in a growing space of differences, and Arnoldi's
+!> method for the multipliers about it (theory.md, section 15). One turn a difference; a cycle costs about as many turns as there
+!> are multipliers that a few plain turns do not damp.
+module cycle_search
+  use kinds, only: wp
+  use difference_space, only: direction_space, ritz_pairs
+  use mechanism_ode, only: mechanism_system
+  use switching, only: event_list
+  use turn_log, only: turn_list, turn_result
+  use turn_map, only: period_map
+  implicit none (type, external)
+  private
+
+  real(wp), parameter :: difference = 1.0e-4_wp      !! of a difference quotient, of the scales [-]
+  real(wp), parameter :: inner = 1.0e-3_wp           !! what a step may leave of the change [-]
+  real(wp), parameter :: most_of_period = 0.2_wp     !! by which a step may change it [-]
+  integer, parameter :: most_slow = 4                !! Newton steps without half the change
+  integer, parameter :: most_halves = 3              !! of a Newton step
+  integer, parameter :: plain = 10                   !! turns then
+
+  !> A cycle that is sought, or found.
+  type, public :: cycle_state
+    type(period_map) :: map
+    type(turn_result) :: turn                        !! the last turn from an iterate
+    real(wp) :: period = 0.0_wp                      !! [s]
+    logical :: free_period = .false.                 !! it is an unknown
+    real(wp), allocatable :: x(:)                    !! (ny) the iterate [m, rad], [m/s, rad/s], [J]
+    real(wp) :: residual = huge(1.0_wp)              !! largest change of an unknown in that turn, of its scale [-]
+    logical :: found = .false.
+    integer :: turns = 0                             !! all turns so far
+    integer :: turns_to_cycle = 0                    !! of them for the cycle
+    integer :: most_turns = 300
+    integer :: signal = 0                            !! that came; 0: none
+    logical :: lost_first = .false.                  !! the first turn did not come to its end
+    type(direction_space) :: space                   !! of the multipliers
+    type(ritz_pairs) :: pairs
+    real(wp), allocatable :: error(:)                !! (pairs) of the multipliers [-]
+    integer :: wanted = 0                            !! pairs that were asked for, and found
+    integer :: time = 0                              !! the pair that belongs to time, where the period is an unknown
+    logical :: grazes = .false.                      !! events change on both sides of the cycle
+    type(event_list) :: others                       !! events of a turn that had others than the cycle
+  contains
+    procedure :: begin
+    procedure :: find_cycle
+    procedure :: find_multipliers
+  end type cycle_state
+
+contains
+
+  !> The first turn, from the present state.
+  subroutine begin(self, list)
+    class(cycle_state), intent(inout) :: self
+    type(turn_list), intent(inout) :: list
+    call make_turn(self, list, self%x, self%period, self%turn)
+    if (self%signal > 0) return
+    self%lost_first = self%turn%lost
+    if (.not. self%lost_first) call self%map%set_scales(self%turn%range, self%period)
+  end subroutine begin
+
+  !> The next turn: that of the list, where it has it.
+  subroutine make_turn(self, list, x, period, turn, held)
+    class(cycle_state), intent(inout) :: self
+    type(turn_list), intent(inout) :: list
+    real(wp), intent(in) :: x(:)                     !! (ny) its start [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(in) :: period                   !! [s]
+    type(turn_result), intent(out) :: turn
+    integer, intent(in), optional :: held(:)         !! (elements that switch) states whose rows hold at the start
+    if (self%turns > 0) turn%steps = list%items(1)%steps
+    if (list%played == list%count) then
+      if (present(held)) then
+        call self%map%march(x, period, self%turns == 0, held, turn, self%signal)
+      else
+        call self%map%march(x, period, self%turns == 0, [integer ::], turn, self%signal)
+      end if
+      if (self%signal > 0) return
+      call list%add(turn)
+    end if
+    list%played = list%played + 1
+    turn = list%items(list%played)
+    self%turns = self%turns + 1
+  end subroutine make_turn
+
+  !> Newton's method until the motion repeats to the tolerance, or is found not to.
+  subroutine find_cycle(self, list, tolerance)
+    class(cycle_state), intent(inout) :: self
+    type(turn_list), intent(inout) :: list
+    real(wp), intent(in) :: tolerance                !! [-]
+    type(direction_space) :: space
+    type(turn_result) :: next, best
+    real(wp), allocatable :: r(:), last(:)           ! change in the turn, in the one before [-]
+    real(wp) :: best_period, period, target          ! [s], [s], [-]
+    real(wp), allocatable :: x(:)
+    integer :: slow, rescues, k
+    logical :: ok
+    best = self%turn
+    best_period = self%period
+    target = huge(1.0_wp)
+    slow = 0
+    rescues = 0
+    last = [real(wp) ::]
+    call space%clear(size(self%map%compared))
+    do
+      r = self%map%change(self%turn)
+      if (maxval(abs(r)) < self%residual) then
+        self%residual = maxval(abs(r))
+        best = self%turn
+        best_period = self%period
+      end if
+      self%found = self%residual < tolerance
+      if (self%found .or. self%turns >= self%most_turns) exit
+      slow = slow + 1
+      if (self%residual < 0.5_wp*target) slow = 0
+      if (slow == 0) target = self%residual
+      if (slow > most_slow) then
+        rescues = rescues + 1
+        if (rescues > 2) exit
+        self%turn = best
+        self%period = best_period
+        call space%clear(size(r))
+        do k = 1, plain
+          call make_turn(self, list, plain_start(self, self%turn), self%period, next)
+          if (self%signal > 0) return
+          if (next%lost) exit
+          self%turn = next
+        end do
+        target = huge(1.0_wp)
+        slow = 0
+        self%residual = huge(1.0_wp)
+        last = [real(wp) ::]
+        cycle
+      end if
+      if (size(last) > 0) then
+        if (.not. worth_keeping(space%count, norm2(r)/norm2(last), tolerance/self%residual)) call space%clear(size(r))
+      end if
+      last = r
+      call step(self, list, space, r, x, period)
+      if (self%signal > 0) return
+      ok = .false.
+      do k = 0, most_halves                          ! of a step that is lost, or leads farther away
+        call make_turn(self, list, self%turn%start + (x - self%turn%start)*0.5_wp**k, &
+                       self%period + (period - self%period)*0.5_wp**k, next)
+        if (self%signal > 0) return
+        if (.not. next%lost) ok = norm2(self%map%change(next)) < norm2(r)
+        if (ok) exit
+      end do
+      if (ok) then
+        self%period = self%period + (period - self%period)*0.5_wp**k
+      else
+        call space%clear(size(r))
+        call make_turn(self, list, plain_start(self, self%turn), self%period, next)
+        if (self%signal > 0) return
+        if (next%lost) exit
+      end if
+      self%turn = next
+    end do
+    self%turn = best
+    self%period = best_period
+    self%turns_to_cycle = self%turns
+  end subroutine find_cycle
+
+  !> Whether a space of other states leads to the goal in fewer turns than a new one, which takes as many and one.
+  pure logical function worth_keeping(directions, fall, goal) result(yes)
+    integer, intent(in) :: directions
+    real(wp), intent(in) :: fall                     !! of the change by the last step [-]
+    real(wp), intent(in) :: goal                     !! still to be gone [-]
+    yes = fall < 1.0_wp
+    if (yes) yes = log(goal)/log(fall) <= directions + 1
+  end function worth_keeping
+
+  !> Where a turn has ended, less whole turns and what does not repeat: the start of a plain turn.
+  function plain_start(self, turn) result(x)
+    type(cycle_state), intent(in) :: self
+    type(turn_result), intent(in) :: turn
+    real(wp) :: x(size(turn%start))                  ! [m, rad], [m/s, rad/s], [J]
+    x = self%map%moved(turn%start, self%map%change(turn))
+  end function plain_start
+
+  !> Newton's step: the space grows until it explains the change but for a small part, which is left to the turn itself.
+  subroutine step(self, list, space, r, x, period)
+    class(cycle_state), intent(inout) :: self
+    type(turn_list), intent(inout) :: list
+    type(direction_space), intent(inout) :: space
+    real(wp), intent(in) :: r(:)                     !! change in the turn [-]
+    real(wp), allocatable, intent(out) :: x(:)       !! (ny) the next start [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(out) :: period                  !! [s]
+    real(wp), allocatable :: c(:), slope(:)
+    real(wp) :: rest(size(r)), v(size(r)), asked(size(r)), w(size(r)), second   ! [-]
+    slope = [real(wp) ::]
+    if (self%free_period) slope = self%map%scaled(self%turn%slope)*self%period
+    do
+      call space%fit(r, slope, c, rest)
+      if (norm2(rest) <= inner*norm2(r) .or. self%turns >= self%most_turns .or. space%count >= size(r)) exit
+      asked = space%rest_of(rest)
+      if (norm2(asked) <= inner*norm2(rest)) exit    ! no direction is left
+      asked = asked/norm2(asked)
+      call one_quotient(self, list, asked, .false., v, w, second)
+      if (self%signal > 0) return
+      call space%add(asked, v, w)
+    end do
+    x = self%map%moved(self%turn%start, rest + matmul(space%v(:, :space%count), c(:space%count)))
+    period = self%period
+    if (self%free_period) period = period*(1 + max(-most_of_period, min(most_of_period, c(size(c)))))
+  end subroutine step
+
+  !> A difference quotient along a direction: between the cycle's turn and one from a moved start, or between two moved ones. Of a
+  !> turn whose events are others than those of the cycle nothing is used.
+  subroutine one_quotient(self, list, asked, central, v, w, second)
+    class(cycle_state), intent(inout) :: self
+    type(turn_list), intent(inout) :: list
+    real(wp), intent(in) :: asked(:)                 !! direction, of length 1 [-]
+    logical, intent(in) :: central
+    real(wp), intent(out) :: v(:), w(:)              !! direction that was moved along, its image [-]
+    real(wp), intent(out) :: second                  !! size of the second difference, over the difference [-]
+    type(turn_result) :: side(2)
+    real(wp), dimension(size(asked), 2) :: from, to  ! [-]
+    real(wp) :: sign_of                              ! [-]
+    logical :: good(2)
+    integer :: k
+    good = .false.
+    do k = 1, 2
+      sign_of = 3 - 2*k
+      if (k == 2 .and. good(1) .and. .not. central) exit
+      call make_turn(self, list, self%map%moved(self%turn%start, sign_of*difference*asked), self%period, side(k), &
+                     self%turn%states)
+      if (self%signal > 0) return
+      good(k) = .not. side(k)%lost
+      if (good(k)) good(k) = same_events(self%turn%events, side(k)%events)
+      if (.not. good(k)) self%others = side(k)%events
+      from(:, k) = sign_of*(self%map%scaled(side(k)%start) - self%map%scaled(self%turn%start))/difference
+      to(:, k) = sign_of*(self%map%scaled(side(k)%end) - self%map%scaled(self%turn%end))/difference
+    end do
+    second = 0.0_wp
+    if (all(good)) then
+      second = norm2(to(:, 1) - to(:, 2))
+      v = (from(:, 1) + from(:, 2))/2
+      w = (to(:, 1) + to(:, 2))/2
+    else
+      self%grazes = self%grazes .or. .not. any(good)
+      k = merge(1, 2, good(1) .or. .not. good(2))
+      v = from(:, k)
+      w = to(:, k)
+    end if
+  end subroutine one_quotient
+
+  !> Whether two turns have the same events, element by element.
+  pure logical function same_events(a, b) result(yes)
+    type(event_list), intent(in) :: a, b
+    integer :: k, e
+    yes = a%count == b%count
+    if (.not. yes .or. a%count == 0) return
+    associate (x => a%items(1:a%count), y => b%items(1:b%count))
+      do k = 1, a%count
+        e = x(k)%element
+        if (any(x(:k - 1)%element == e)) cycle
+        yes = count(x%element == e) == count(y%element == e)
+        if (yes) yes = all(pack(x%from, x%element == e) == pack(y%from, y%element == e)) .and. &
+                       all(pack(x%to, x%element == e) == pack(y%to, y%element == e))
+        if (.not. yes) return
+      end do
+    end associate
+  end function same_events
+
+  !> Arnoldi's method about the cycle, until the wanted multipliers are known to their goal or nothing is left to find.
+  subroutine find_multipliers(self, list, number)
+    class(cycle_state), intent(inout) :: self
+    type(turn_list), intent(inout) :: list
+    integer, intent(in) :: number                    !! that are told
+    real(wp), parameter :: goal = 1.0e-7_wp          ! what the space leaves of them [-]
+    real(wp), parameter :: negligible = 10.0_wp      ! a direction with so little in it is rounding, of that of quotients [-]
+    real(wp) :: v(size(self%map%compared)), asked(size(v)), w(size(v)), second, seconds   ! [-]
+    integer :: k
+    seconds = 0.0_wp
+    call first_direction(self, asked)
+    call self%space%clear(size(v))
+    do
+      call one_quotient(self, list, asked, .true., v, w, second)
+      if (self%signal > 0) return
+      seconds = max(seconds, second)
+      call self%space%add(asked, v, w)
+      call self%space%ritz(self%pairs)
+      self%wanted = min(self%space%count, number + merge(1, 0, self%free_period))
+      if (self%wanted < self%space%count .and. self%pairs%value(self%wanted)%im > 0.0_wp) self%wanted = self%wanted + 1
+      asked = self%space%rest_of(w)
+      if (self%space%count >= size(v) .or. self%turns > self%most_turns + 1000) exit
+      if (norm2(asked) <= negligible*self%map%noise/difference) exit
+      asked = asked/norm2(asked)
+      if (self%space%count <= number) cycle
+      associate (p => self%pairs)
+        if (maxval(p%residual(:self%wanted)*p%condition(:self%wanted)) < goal) exit
+      end associate
+    end do
+    associate (p => self%pairs)
+      self%wanted = min(self%wanted, count(abs(p%value) > 100*self%map%noise/difference))
+      self%error = [(p%condition(k)*(p%residual(k) + seconds**2 + self%map%noise/difference), k=1, self%wanted)]
+      if (self%free_period .and. self%wanted > 0) then
+        asked = self%map%scaled(self%turn%slope)
+        self%time = maxloc([(abs(dot_product(p%vector(:, k), cmplx(asked, 0.0_wp, wp))), k=1, self%wanted)], 1)
+      end if
+    end associate
+  end subroutine find_multipliers
+
+  !> A direction that excites all: pseudo-random numbers, put onto the manifold.
+  subroutine first_direction(self, x)
+    class(cycle_state), intent(in) :: self
+    real(wp), intent(out) :: x(:)                    !! [-]
+    type(mechanism_system), allocatable :: system
+    real(wp), allocatable :: y(:)
+    integer :: k, seed
+    logical :: ok
+    seed = 12345
+    do k = 1, size(x)
+      seed = mod(16807*seed, 65537)
+      x(k) = seed/65537.0_wp - 0.5_wp
+    end do
+    x = x/norm2(x)
+    allocate (system, source=self%map%system)
+    y = self%map%moved(self%turn%start, difference*x)
+    call self%map%put(system, y, self%turn%states, ok)
+    if (ok) x = self%map%scaled(y) - self%map%scaled(self%turn%start)
+    x = x/norm2(x)
+  end subroutine first_direction
+end module cycle_search

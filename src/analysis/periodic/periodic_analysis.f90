@@ -1,0 +1,87 @@
+!> The periodic analysis (theory.md, section 15): the cycle that a driven machine settles into, its multipliers, its file and its
+!> part of the summary. The state of the run is then the cycle's at t = 0, where the transient starts.
+module periodic_analysis
+  use kinds, only: wp
+  use archive, only: value_archive
+  use checkpoint, only: write_checkpoint
+  use cycle_search, only: cycle_state
+  use errors, only: failure, status_bad_input, status_signal
+  use periodic_words, only: cycle_lines, explain_cycle, write_floquet
+  use scene_run, only: run_state, no_output
+  use summary_text, only: summary_record
+  use text, only: to_text
+  implicit none (type, external)
+  private
+  public :: run_periodic
+
+contains
+
+  !> Finds the cycle and its multipliers.
+  subroutine run_periodic(run, text, fail)
+    type(run_state), intent(inout) :: run
+    type(summary_record), intent(inout) :: text
+    type(failure), intent(inout) :: fail
+    type(cycle_state) :: cycle
+    real(wp) :: tolerance                     ! [-]
+    if (run%restart) then
+      call run%turns%exchange(run%saved)
+      if (run%saved%damaged) call fail%raise(status_bad_input, 'the checkpoint in "'//run%folder// &
+                                             '" does not fit this deck; run without --restart')
+      if (run%saved%complete()) run%restart = .false.         ! no transient had begun
+      if (fail%happened()) return
+    end if
+    associate (p => run%d%periodic, accuracy => run%d%transient%accuracy)
+      tolerance = p%tolerance
+      if (accuracy > 0.0_wp .and. .not. p%own_tolerance) tolerance = 1.0e-3_wp*accuracy
+      cycle%period = p%period
+      cycle%free_period = p%free_period
+      cycle%most_turns = p%most_turns
+      call cycle%map%begin(run)
+      cycle%x = run%y
+      call cycle%begin(run%turns)
+      if (cycle%signal == 0 .and. .not. cycle%lost_first) call cycle%find_cycle(run%turns, tolerance)
+      if (cycle%found .and. p%multipliers > 0) call cycle%find_multipliers(run%turns, p%multipliers)
+    end associate
+    if (cycle%signal > 0) then
+      call interrupt(run, cycle%signal, fail)
+      return
+    end if
+    call explain_cycle(run, cycle, tolerance, text, fail)
+    if (fail%happened()) return
+    call set_transient(run, cycle%period)
+    run%y = cycle%turn%start
+    call write_floquet(run, cycle, fail)
+    call cycle_lines(run, cycle, text)
+  end subroutine run_periodic
+
+  !> The transient follows the cycle: a period that was sought has as many steps and rows as the deck asks of the guess.
+  subroutine set_transient(run, period)
+    type(run_state), intent(inout) :: run
+    real(wp), intent(in) :: period            !! [s]
+    real(wp) :: longer                        ! [-]
+    if (.not. (run%d%periodic%free_period .and. run%d%periodic%one_period)) return
+    associate (r => run%d%transient)
+      longer = period/run%d%periodic%period
+      r%t_end = period
+      r%output_step = longer*r%output_step
+      r%motion_step = longer*r%motion_step
+      r%step = longer*r%step
+    end associate
+  end subroutine set_transient
+
+  !> A signal: the turns that have been made are kept.
+  subroutine interrupt(run, signal, fail)
+    type(run_state), intent(inout) :: run
+    integer, intent(in) :: signal
+    type(failure), intent(inout) :: fail
+    type(value_archive) :: a
+    logical :: ok
+    call a%begin_saving()
+    if (run%model_found) call run%exchange_model(a)
+    call run%turns%exchange(a)
+    call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)
+    if (.not. ok) call no_output(run, fail)
+    call fail%raise(status_signal + signal, 'stopped by signal '//to_text(signal)//' after '//to_text(run%turns%count)// &
+                    ' turns; biela --restart continues from there')
+  end subroutine interrupt
+end module periodic_analysis

@@ -1,0 +1,239 @@
+!> The map of one turn (theory.md, section 15): a start is put onto the manifold and marched over one period, in the same number of
+!> steps each time, so that the map is smooth in its start and in the period. Events are located in each turn. Nothing is written.
+module turn_map
+  use kinds, only: wp, ip, pi
+  use choose_stepper, only: make_stepper
+  use controls, only: rest_controls
+  use deck_records, only: transient_record
+  use error_groups, only: group_unknowns
+  use force_element, only: stage_transient
+  use mechanism_ode, only: mechanism_system
+  use posix, only: caught_signal
+  use scene_run, only: run_state
+  use step_control, only: error_norm
+  use step_counts, only: actual_step, step_count
+  use time_stepper, only: stepper, paused, reached
+  use turn_log, only: turn_result
+  implicit none (type, external)
+  private
+
+  real(wp), parameter :: whole_turn = 2*pi           ! [rad]
+
+  !> The map.
+  type, public :: period_map
+    type(mechanism_system), allocatable :: system    !! before any turn
+    type(transient_record) :: r                      !! method and steps
+    integer, allocatable :: compared(:)              !! numbers of the unknowns that repeat
+    logical, allocatable :: turning(:)               !! (compared) angles of frames: they repeat up to whole turns
+    real(wp), allocatable :: scale(:)                !! (compared) [m, rad], [m/s, rad/s]
+    real(wp) :: noise = 0.0_wp                       !! rounding of the map, of the scales [-]
+  contains
+    procedure :: begin
+    procedure :: march
+    procedure :: set_scales
+    procedure :: change
+    procedure :: scaled
+    procedure :: moved
+    procedure :: put
+  end type period_map
+
+contains
+
+  !> Which unknowns repeat, and the system from which each turn starts. Controllers are switched on: their states are unknowns now.
+  subroutine begin(self, run)
+    class(period_map), intent(inout) :: self
+    type(run_state), intent(inout) :: run
+    logical, allocatable :: repeats(:), angle(:)
+    integer :: b, k
+    run%sys%options%stage = stage_transient
+    allocate (self%system, source=run%sys)
+    self%r = run%d%transient
+    self%noise = merge(1.0e-12_wp, 1.0e-10_wp, self%r%method /= 'radau')
+    associate (s => self%system%m%s)
+      self%system%has_manifold = s%rows > 0
+      call rest_controls(self%system%m, self%system%ev, run%y(1:s%nq), run%y(s%nq + 1:2*s%nq), run%y(2*s%nq + 1:2*s%nq + s%nz))
+      allocate (repeats(s%ny), angle(s%ny), source=.false.)
+      repeats(1:2*s%nq + s%nz + s%nzd) = .true.
+      do k = 1, size(run%d%periodic%moves_on)
+        b = s%qo(run%d%periodic%moves_on(k))
+        repeats(b + 1:b + 3) = .false.
+      end do
+      angle(s%qo + 3) = .true.
+      do k = 1, size(s%controllers)               ! a sample at t = 0 computes its output anew
+        if (s%controllers(k)%sampled > 0) repeats(2*s%nq + s%controllers(k)%first + s%controllers(k)%sampled) = .false.
+      end do
+      self%compared = pack([(k, k=1, s%ny)], repeats)
+      self%turning = pack(angle, repeats)
+    end associate
+  end subroutine begin
+
+  !> A turn. The first one, where the deck gives a tolerance, takes its steps by that and says how many equal ones are as fine.
+  subroutine march(self, x, period, first, held, turn, signal)
+    class(period_map), intent(in) :: self
+    real(wp), intent(in) :: x(:)                     !! (ny) the start [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(in) :: period                   !! [s]
+    logical, intent(in) :: first
+    integer, intent(in) :: held(:)                   !! (elements that switch, or none) states whose rows hold at the start
+    type(turn_result), intent(inout) :: turn         !! on entry its number of steps, after the first
+    integer, intent(out) :: signal                   !! that came; 0: none
+    type(mechanism_system), allocatable :: system
+    class(stepper), allocatable :: method
+    type(transient_record) :: r
+    real(wp), dimension(size(x)) :: y, low, high     ! [m, rad], [m/s, rad/s], [J]
+    real(wp), allocatable :: lengths(:)              ! of the steps of a first turn by tolerance [s]
+    real(wp) :: before                               ! [s]
+    integer :: outcome, portion
+    logical :: ok
+    allocate (system, source=self%system)
+    r = self%r
+    r%t_end = period
+    r%output_step = period
+    if (first .and. .not. r%adaptive) turn%steps = int(step_count(0.0_wp, period, actual_step(self%r%output_step, r%step)))
+    r%adaptive = first .and. r%adaptive
+    if (.not. r%adaptive) r%step = period/turn%steps
+    system%output_step = period
+    y = x
+    call self%put(system, y, held, ok)
+    turn%start = y
+    if (ok) call system%start_switching(0.0_wp, y, given=.true.)
+    turn%states = system%ev%switches%state
+    call make_stepper(r, system%m%s, 0.0_wp, method)
+    call method%begin(system, 0.0_wp, y)
+    portion = 64
+    if (first) portion = max(1, min(64, turn%steps/100))
+    if (r%adaptive) portion = 1
+    low = y
+    high = y
+    lengths = [real(wp) ::]
+    signal = 0
+    outcome = paused
+    do while (ok .and. outcome == paused)
+      before = method%t
+      call method%advance(system, 0.0_wp, period, portion, y, outcome)
+      low = min(low, method%y)
+      high = max(high, method%y)
+      if (r%adaptive .and. method%t > before) lengths = [lengths, method%t - before]
+      signal = caught_signal()
+      if (signal > 0) return
+    end do
+    turn%lost = outcome /= reached
+    turn%at = method%tried
+    turn%end = y
+    turn%slope = y
+    call system%derivative(period, y, .true., turn%slope)
+    turn%events = system%events
+    associate (n => size(system%m%s%switching))
+      turn%remembers = any(system%ev%switches%memory(:n) > 0.0_wp .and. system%ev%switches%state(:n) /= 0)
+    end associate
+    turn%range = [real(wp) ::]
+    if (first) turn%range = high - low
+    if (r%adaptive) turn%steps = ceiling(period/quantile(lengths, 0.1_wp))
+  end subroutine march
+
+  !> Puts a start onto the joints, and onto the rows that hold in given states: what is at rest at the start of a cycle is so beside
+  !> it, too.
+  subroutine put(self, system, y, held, ok)
+    class(period_map), intent(in) :: self
+    type(mechanism_system), intent(inout) :: system
+    real(wp), intent(inout) :: y(:)                  !! (ny) [m, rad], [m/s, rad/s], [J]
+    integer, intent(in) :: held(:)                   !! (elements that switch, or none) such states
+    logical, intent(out) :: ok
+    real(wp) :: slope(size(y))                       ! [the same per second]
+    integer, allocatable :: states(:)
+    integer :: k
+    associate (s => system%m%s)
+      y(2*s%nq + s%nz + s%nzd + 1:) = 0.0_wp
+    end associate
+    call system%evaluate_on_manifold(0.0_wp, y, .false., slope, ok)
+    if (size(held) == 0) return
+    states = system%ev%switches%state
+    do k = system%m%s%permanent + 1, size(system%m%s%constraints)
+      associate (row => system%m%s%constraints(k)%item, x => system%ev%switches)
+        if (.not. row%holds(held(row%switch_number))) cycle
+        x%state(row%switch_number) = held(row%switch_number)
+        x%memory(row%switch_number) = row%place(system%ev%p, sign(1, held(row%switch_number)))
+      end associate
+    end do
+    if (any(system%ev%switches%state /= states)) then
+      system%has_manifold = .true.
+      call system%evaluate_on_manifold(0.0_wp, y, .false., slope, ok)
+      system%has_manifold = self%system%has_manifold
+    end if
+    system%ev%switches%state = states
+  end subroutine put
+
+  !> The value below which a part of the values lies.
+  pure real(wp) function quantile(x, part) result(value)
+    real(wp), intent(in) :: x(:)                     !! [s]
+    real(wp), intent(in) :: part                     !! [-]
+    integer :: k
+    value = minval(x)
+    do k = 2, ceiling(part*size(x))
+      value = minval(x, x > value)
+    end do
+  end function quantile
+
+  !> Scales of the unknowns: the range of the largest in the group of each, at least a thousandth of the largest group of its kind;
+  !> where nothing of that kind moves, a thousandth of the scene's size. Angles have at most a radian.
+  subroutine set_scales(self, range, period)
+    class(period_map), intent(inout) :: self
+    real(wp), intent(in) :: range(:)                 !! (ny) in the first turn [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(in) :: period                   !! [s]
+    integer, parameter :: kinds_of_group = 12        ! of a body, rates included
+    real(wp), parameter :: least = 1.0e-3_wp         ! of the largest of a kind, or of the scene's size [-]
+    real(wp), parameter :: smallest_scale = 1.0e-6_wp   ! floor of a group, of the scene's size [-]
+    type(error_norm) :: norm
+    real(wp), allocatable :: of_group(:)             ! [m, rad], [m/s, rad/s]
+    real(wp) :: largest, still                       ! of a kind; so little is rest [m, rad], [m/s, rad/s]
+    integer, allocatable :: kind(:)                  ! of each group
+    integer :: g, k
+    call group_unknowns(self%system%m%s, norm)
+    allocate (of_group(size(norm%floor)), source=0.0_wp)
+    do k = 1, size(self%compared)
+      associate (x => of_group(norm%group(self%compared(k))))
+        x = max(x, range(self%compared(k)))
+      end associate
+    end do
+    kind = [(g, g=1, size(of_group))]
+    associate (n => kinds_of_group*size(self%system%m%s%bodies))
+      kind(:n) = 1 + mod(kind(:n) - 1, kinds_of_group)
+    end associate
+    do g = 1, size(of_group)
+      largest = maxval(of_group, kind == kind(g))
+      still = norm%floor(g)
+      if (norm%rate(g)) still = still*whole_turn/period
+      norm%scale(g) = max(of_group(g), least*largest)
+      if (largest <= still) norm%scale(g) = least/smallest_scale*still
+    end do
+    self%scale = norm%scale(norm%group(self%compared))
+    where (self%turning) self%scale = min(self%scale, 1.0_wp)
+  end subroutine set_scales
+
+  !> What has changed between the start and the end of a turn, less whole turns, over the scales.
+  pure function change(self, turn) result(r)
+    class(period_map), intent(in) :: self
+    type(turn_result), intent(in) :: turn
+    real(wp) :: r(size(self%compared))               ! [-]
+    r = turn%end(self%compared) - turn%start(self%compared)
+    where (self%turning) r = r - whole_turn*anint(r/whole_turn)
+    r = r/self%scale
+  end function change
+
+  !> Unknowns that repeat, over their scales.
+  pure function scaled(self, y) result(x)
+    class(period_map), intent(in) :: self
+    real(wp), intent(in) :: y(:)                     !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp) :: x(size(self%compared))               ! [-]
+    x = y(self%compared)/self%scale
+  end function scaled
+
+  !> A state moved by a multiple of a direction.
+  pure function moved(self, y, x) result(other)
+    class(period_map), intent(in) :: self
+    real(wp), intent(in) :: y(:)                     !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(in) :: x(:)                     !! (compared) [-]
+    real(wp) :: other(size(y))                       ! [m, rad], [m/s, rad/s], [J]
+    other = y
+    other(self%compared) = y(self%compared) + self%scale*x
+  end function moved
+end module turn_map

@@ -1,0 +1,109 @@
+!> What a cycle asks of the histories of loads, drives and controllers: that they repeat in its period, or do not depend on time where
+!> that is sought.
+module repeating_histories
+  use kinds, only: wp
+  use build_history, only: make_history
+  use deck_origin, only: origin
+  use deck_records, only: deck
+  use errors, only: fault_list
+  use history, only: breakpoint, history_model
+  use step_counts, only: rounding_of
+  use text, only: es_text, to_text
+  implicit none (type, external)
+  private
+  public :: check_repeating
+
+  integer, parameter :: points = 64                !! in a period, at which values are compared
+  real(wp), parameter :: same = 1.0e-9_wp          !! a smaller difference is rounding, of the largest value [-]
+
+contains
+
+  !> Reports each history that does not repeat, and samples that do not fit into the period.
+  subroutine check_repeating(d, faults)
+    type(deck), intent(in) :: d
+    type(fault_list), intent(inout) :: faults
+    real(wp) :: samples                            ! [-]
+    integer :: k
+    if (.not. d%periodic%present) return
+    do k = 1, size(d%forces)
+      associate (f => d%forces(k))
+        if (f%history == 0 .or. f%argument%sensor > 0 .or. f%stage == 'static') cycle
+        call one_history(d, f%history, f%at, .false., faults)
+      end associate
+    end do
+    do k = 1, size(d%drives)
+      call one_history(d, d%drives(k)%history, d%drives(k)%at, .not. d%drives(k)%rate, faults)
+    end do
+    do k = 1, size(d%controllers)
+      associate (c => d%controllers(k))
+        call one_history(d, c%history, c%at, .false., faults)
+        if (.not. c%sample > 0.0_wp) cycle
+        samples = d%periodic%period/c%sample
+        if (d%periodic%free_period) then
+          call c%at%blame(faults, 'sample='//to_text(c%sample)//' s beside a period that is sought, expected period in place '// &
+                          'of period_guess, or no sample')
+        else if (abs(samples - anint(samples)) > same*samples) then
+          call c%at%blame(faults, 'the period of the cycle, '//to_text(d%periodic%period)//' s, has '// &
+                          to_text(anint(1000*samples)/1000)//' samples, expected a whole number of them')
+        end if
+      end associate
+    end do
+  end subroutine check_repeating
+
+  !> One history, as it is used: where a drive follows it, it may go on by the same amount in each period.
+  subroutine one_history(d, number, at, goes_on, faults)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: number                  !! of its record
+    type(origin), intent(in) :: at                 !! of its user
+    logical, intent(in) :: goes_on
+    type(fault_list), intent(inout) :: faults
+    class(history_model), allocatable :: h
+    type(breakpoint), allocatable :: breaks(:)
+    real(wp), allocatable :: times(:)              ! [s]
+    real(wp), dimension(-1:2) :: now, later, first, after   ! [unit s, unit, unit/s, unit/s2]
+    real(wp) :: largest, allowed                   ! [unit]
+    integer :: k, i
+    call make_history(d, number, h)
+    associate (period => d%periodic%period, sought => d%periodic%free_period)
+      breaks = h%breakpoints(period)
+      times = [[(period*(k - 0.5_wp)/points, k=1, points)], breaks%time + rounding_of(period)]
+      i = merge(1, 0, goes_on)
+      call h%evaluate(0.0_wp, .false., first)
+      call h%evaluate(period, .false., after)
+      largest = 0.0_wp
+      do k = 1, size(times)
+        call h%evaluate(times(k), .false., now)
+        largest = max(largest, abs(now(0)), abs(now(i)))
+      end do
+      do k = 1, size(times)
+        call h%evaluate(times(k), .false., now)
+        call h%evaluate(times(k) + period, .false., later)
+        allowed = same*largest + 4*rounding_of(2*period)*maxval(abs([now(1:2), later(1:2)]))
+        if (sought) then
+          if (abs(now(i) - first(i)) <= allowed) cycle
+          call at%blame(faults, 'history "'//trim(h%name)//'" depends on time, so that a cycle has its period: expected period '// &
+                        'in place of period_guess')
+          return
+        end if
+        if (abs(later(0) - now(0) - merge(after(0) - first(0), 0.0_wp, goes_on)) <= allowed) cycle
+        call at%blame(faults, 'history "'//trim(h%name)//'" does not repeat in the period of the cycle, '//to_text(period)// &
+                      ' s: it is '//es_text(now(0), 4)//' at t = '//es_text(times(k), 4)//' s and '// &
+                      es_text(later(0), 4)//' a period later'//own_period(d, number)//', expected a history that repeats')
+        return
+      end do
+    end associate
+  end subroutine one_history
+
+  !> The period that a history has.
+  function own_period(d, number) result(words)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: number                  !! of its record
+    character(:), allocatable :: words
+    words = ''
+    associate (r => d%histories(number))
+      if (r%kind == 'sine' .and. r%frequency > 0.0_wp) words = '; it repeats in '//to_text(1/r%frequency)//' s'
+      if (r%periodic .and. r%kind == 'sequence') words = '; it repeats in '//to_text(sum(r%durations))//' s'
+      if (r%periodic .and. r%kind == 'table') words = '; it repeats in '//to_text(r%time(size(r%time)) - r%time(1))//' s'
+    end associate
+  end function own_period
+end module repeating_histories

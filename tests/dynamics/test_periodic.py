@@ -1,0 +1,461 @@
+"""Cycles and their Floquet multipliers against closed forms and independent monodromies."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from conftest import REFERENCE, caught
+from linear_oracle import TurningArm
+from oracle_probe import Twins
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.optimize import brentq
+from scipy.special import mathieu_a, mathieu_b
+
+GRAVITY = 9.81
+
+
+def multipliers(run) -> np.ndarray:
+    """Return those of floquet.txt, largest first, and hold the summary to it."""
+    table = np.loadtxt(run.folder / "floquet.txt", ndmin=2)
+    found = table[:, 1] + 1j * table[:, 2]
+    told = [m["real"] + 1j * m["imag"] for m in run.figures["periodic"]["multipliers"]]
+    assert np.array_equal(found, told)
+    assert np.allclose(table[:, 3], np.abs(found), rtol=1e-14)
+    return found
+
+
+def assert_multipliers(run, expected, tolerance=1e-6):
+    """Hold the multipliers to the expected ones, as sets, and their told errors to the true ones."""
+    found = multipliers(run)
+    errors = np.loadtxt(run.folder / "floquet.txt", ndmin=2)[:, 4]
+    expected = sorted(np.atleast_1d(expected), key=lambda x: (-abs(x), -x.imag))[: len(found)]
+    for value, error in zip(found, errors):
+        nearest = min(abs(value - x) for x in expected)
+        assert nearest < tolerance, (value, expected)
+        assert nearest < 10 * error + 2e-8, (value, error)
+    assert len(found) == len(expected)
+
+
+def assert_repeats(run, tolerance=1e-8):
+    """Hold the rows of the transient of one period to the first one, over their ranges."""
+    rows = run.history.data[:, 1:]
+    ranges = np.ptp(rows, axis=0)
+    assert np.all(np.abs(rows[-1] - rows[0]) <= tolerance * np.maximum(ranges, 1e-6 * ranges.max()))
+
+
+# --- impacts
+
+
+BALL = """! A ball that a table, driven up and down, meets once a period.
+&parameter name='A' value=0.0015 /
+&parameter name='T' value=0.1 /
+&parameter name='e' value=0.8 /
+&parameter name='k' value=1 /
+&parameter name='w' value={9.81*T/2*(1-e)/(1+e)} /
+&parameter name='ph' value={k*acos(w/(A*2*pi/T))} /
+&scene gravity=0,-9.81 /
+&body name='table' mass=1 inertia=1 position=0,{A*sin(ph-pi)} /
+&body name='ball' mass=1 inertia=1 position=0,{A*sin(ph) + 9.81*T^2/8 + 1e-4} velocity=0,0.01 /
+&joint name='g1' type='prismatic' body_a='table' direction={pi/2} /
+&joint name='g2' type='prismatic' body_a='ball' direction={pi/2} /
+&history name='h' kind='sine' amplitude={A} frequency={1/T} phase={ph-pi} /
+&drive name='d' type='position' body_a='table' direction={pi/2} history='h' /
+&stop name='s' type='position' body_a='ball' point_a=0,0 body_b='table' point_b=0,0 direction={pi/2} lower=0.0 restitution={e} /
+&sensor name='z' quantity='position' body='ball' /
+&periodic period={T} multipliers=2 /
+&transient method='rk4' step={T/500} output_step={T/50} /
+"""
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_bouncing_ball(run_deck, side):
+    """Both phases at which a ball bounces once a period (Holmes, J. Sound Vib. 84, 1982): one is stable, the other is not."""
+    amplitude, period, rebound = 0.0015, 0.1, 0.8
+    omega = 2 * math.pi / period
+    table_speed = GRAVITY * period / 2 * (1 - rebound) / (1 + rebound)
+    phase = side * math.acos(table_speed / (amplitude * omega))
+    run = run_deck(BALL, "--set", f"k={side}")
+    height = amplitude * math.sin(phase) + GRAVITY * period**2 / 8
+    assert abs(run.history["z.y"][0] - height) < 1e-10
+    flight = np.array([[1, period / 2], [0, 1]])
+    slope = -(1 + rebound) * (GRAVITY - amplitude * omega**2 * math.sin(phase)) / (-GRAVITY * period / 2 - table_speed)
+    jump = np.array([[-rebound, 0], [slope, -rebound]])
+    expected = np.linalg.eigvals(flight @ jump @ flight)
+    assert_multipliers(run, expected)
+    assert run.figures["periodic"]["stable"] == (side == 1)
+
+
+OSCILLATOR = """! A mass on a damped spring under a harmonic force, with a rigid stop: one impact a period.
+&scene /
+&body name='mass' mass=1 inertia=1 position=0.03,0 velocity=0.9,0 /
+&joint name='rail' type='prismatic' body_a='mass' direction=0 /
+&spring name='k' type='linear' body_a='mass' body_b='ground' point_b=-2,0 stiffness=100 damping=0.5 free_length=2 /
+&history name='h' kind='sine' amplitude=1 frequency={12/(2*pi)} phase=0.2 /
+&force name='f' type='force' body='mass' fx=15 history='h' /
+&stop name='s' type='position' body_a='mass' point_a=0,0 body_b='ground' point_b=0,0 direction=0 upper=0.05 restitution=0.7 /
+&sensor name='x' quantity='position' body='mass' /
+&sensor name='v' quantity='velocity' body='mass' /
+&periodic period={2*pi/12} multipliers=2 /
+&transient method='rk4' step=1e-3 output_step=1e-2 /
+"""
+
+
+def linear_flight(duration, state, time, parameters):
+    """Return the state after a flight of x'' + 2 d x' + k x = f sin(w t + p) in closed form, and the matrix of the flight."""
+    k, c, force, omega, phase = parameters
+    drive = np.array([[0, 1, 0, 0], [-k, -c, force, 0], [0, 0, 0, omega], [0, 0, -omega, 0]])
+    start = np.array([*state, math.sin(omega * time + phase), math.cos(omega * time + phase)])
+    return (expm(drive * duration) @ start)[:2], expm(drive[:2, :2] * duration)
+
+
+def test_impact_oscillator(run_deck):
+    """The impact oscillator of Shaw & Holmes (J. Sound Vib. 90, 1983): orbit by matching, monodromy by flight, jump, flight."""
+    parameters = (100.0, 0.5, 15.0, 12.0, 0.2)
+    period, limit, rebound = 2 * math.pi / 12, 0.05, 0.7
+    run = run_deck(OSCILLATOR)
+    state = np.array([run.history["x.x"][0], run.history["v.x"][0]])
+    hit = brentq(lambda t: linear_flight(t, state, 0.0, parameters)[0][0] - limit, *bracket(run, limit))
+    before, first = linear_flight(hit, state, 0.0, parameters)
+    after = np.array([limit, -rebound * before[1]])
+    end, second = linear_flight(period - hit, after, hit, parameters)
+    assert np.allclose(end, state, atol=1e-9 * 15)
+    acceleration = [
+        -100 * limit - 0.5 * v + 15 * math.sin(12 * hit + 0.2) for v in (before[1], after[1])
+    ]  # before and after the impact
+    jump = np.array([[-rebound, 0], [(acceleration[1] + rebound * acceleration[0]) / before[1], -rebound]])
+    assert_multipliers(run, np.linalg.eigvals(second @ jump @ first))
+    assert abs(np.prod(multipliers(run)) - rebound**2 * math.exp(-0.5 * period)) < 1e-6
+
+
+def bracket(run, limit):
+    """Return times around the first impact of a run."""
+    events = [line.split() for line in (run.folder / "events.txt").read_text().splitlines() if not line.startswith("#")]
+    time = float(events[0][0])
+    return time - 2e-3, time + 2e-3
+
+
+# --- parametric vibration
+
+
+MATHIEU = """! Pendulum on a pivot that is driven up and down: small motions are y'' + (a - 2 q cos 2v) y = 0, v = W t/2.
+&parameter name='a' value=0.3 /
+&parameter name='q' value=0.4 /
+&parameter name='W' value=20 /
+&parameter name='L' value=0.25 /
+&scene gravity=0,{-L*a*W^2/4} /
+&body name='bob' mass=1 inertia={L^2*2/9} position=0,{-q*L/2} com=0,{-2*L/3} /
+&joint name='pivot' type='slider' body_a='bob' point_a=0,0 body_b='ground' point_b=0,0 direction={pi/2} /
+&history name='h' kind='sine' amplitude={q*L/2} frequency={W/2/pi} phase={-pi/2} /
+&drive name='d' type='position' body_a='bob' point_a=0,0 direction={pi/2} history='h' /
+&sensor name='p' quantity='angle' body='bob' /
+&periodic period={2*pi/W} multipliers=2 /
+&transient method='rk4' step={2*pi/W/500} output_step={2*pi/W/50} /
+"""
+
+
+def mathieu_multipliers(a, q):
+    """Return the multipliers over pi of y'' + (a - 2 q cos 2v) y = 0."""
+
+    def slope(v, y):
+        return [y[1], -(a - 2 * q * math.cos(2 * v)) * y[0], y[3], -(a - 2 * q * math.cos(2 * v)) * y[2]]
+
+    end = solve_ivp(slope, (0, math.pi), [1, 0, 0, 1], method="DOP853", rtol=1e-13, atol=1e-13).y[:, -1]
+    return np.linalg.eigvals(end.reshape(2, 2).T)
+
+
+@pytest.mark.parametrize("a, q", [(0.3, 0.4), (1.0, 0.6), (-0.02, 0.3), (-0.2, 0.3), (2.6, 1.5)])
+def test_mathieu(run_deck, a, q):
+    """Stable and unstable hanging and standing pendulums."""
+    run = run_deck(MATHIEU, "--set", f"a={a}", "--set", f"q={q}")
+    expected = mathieu_multipliers(a, q)
+    assert_multipliers(run, expected, 1e-6 * max(1, abs(expected).max()))
+    assert abs(np.prod(multipliers(run)) - 1) < 1e-6
+    assert run.figures["periodic"]["stable"] == bool(np.max(np.abs(expected)) < 1 + 1e-6)
+
+
+CURVES = [(mathieu_a, 1, -1), (mathieu_b, 1, -1), (mathieu_a, 2, 1), (mathieu_a, 0, 1)]
+
+
+@pytest.mark.parametrize("curve, order, half_trace", CURVES)
+def test_characteristic_curves(run_deck, curve, order, half_trace):
+    """On the characteristic curves of Abramowitz & Stegun (20.2) the half trace is 1 or -1, where stability changes."""
+    q = 0.5
+    run = run_deck(MATHIEU, "--set", f"a={curve(order, q):.17g}", "--set", f"q={q}")
+    assert abs(np.sum(multipliers(run)) / 2 - half_trace) < 1e-7
+
+
+# --- friction
+
+
+SLIDER = """! A mass on a spring with dry friction under a harmonic force: it never rests (Den Hartog, Trans. ASME 53, 1931).
+&scene gravity=0,-9.81 /
+&body name='mass' mass=1 inertia=1 position=0.1,0 velocity=0.8,0 /
+&joint name='rail' type='prismatic' body_a='mass' direction=0 friction=0.1 /
+&spring name='k' type='linear' body_a='mass' body_b='ground' point_b=-2,0 stiffness=100 free_length=2 /
+&history name='h' kind='sine' amplitude=1 frequency={14/(2*pi)} /
+&force name='f' type='force' body='mass' fx=30 history='h' /
+&sensor name='x' quantity='position' body='mass' /
+&sensor name='v' quantity='velocity' body='mass' /
+&periodic period={2*pi/14} multipliers=2 /
+&transient method='rk4' step=1e-3 output_step=1e-2 /
+"""
+
+
+def test_friction(run_deck):
+    """Two reversals a period: monodromy by flights and the jumps of the acceleration at them."""
+    run = run_deck(SLIDER)
+    period, brake = 2 * math.pi / 14, 0.1 * GRAVITY
+    events = [line.split() for line in (run.folder / "events.txt").read_text().splitlines() if not line.startswith("#")]
+    times = [float(e[0]) for e in events]
+    assert len(times) == 2
+    state, monodromy, now = np.array([run.history["x.x"][0], run.history["v.x"][0]]), np.eye(2), 0.0
+    sign = math.copysign(1.0, state[1])
+    for event in [*times, period]:
+        shift = np.array([-sign * brake / 100, 0])
+        state, flight = linear_flight(event - now, state - shift, now, (100.0, 0.0, 30.0, 14.0, 0.0))
+        state, monodromy, now = state + shift, flight @ monodromy, event
+        if event < period:
+            assert abs(state[1]) < 1e-8
+            drive = -100 * state[0] + 30 * math.sin(14 * event)
+            monodromy = np.diag([1, (drive + sign * brake) / (drive - sign * brake)]) @ monodromy
+            sign = -sign
+    assert np.allclose(state, [run.history["x.x"][0], run.history["v.x"][0]], atol=1e-8)
+    assert_multipliers(run, np.linalg.eigvals(monodromy))
+
+
+# --- unknown period
+
+
+ROTOR = """! Rotor off its centre under a constant torque with viscous drag: the divergence gives the product of the multipliers.
+&scene gravity=0,-9.81 /
+&body name='rotor' mass=1 inertia=0.01 com=0.05,0 angular_velocity=20 /
+&joint name='shaft' type='revolute' body_a='rotor' point_a=0,0 body_b='ground' point_b=0,0 /
+&spring name='drag' type='torsional' body_a='rotor' body_b='ground' stiffness=0 damping=0.05 free_angle=0 /
+&force name='motor' type='torque' body='rotor' moment=1.0 /
+&sensor name='w' quantity='angular_velocity' body='rotor' /
+&sensor name='a' quantity='angle' body='rotor' /
+&periodic period_guess=0.3 /
+&transient method='rk4' step=1e-3 output_step=1e-2 /
+"""
+
+
+def test_rotor_of_unknown_period(run_deck):
+    """One multiplier belongs to time; the other is exp(-c T/J)."""
+    run = run_deck(ROTOR)
+    period = run.figures["periodic"]["period"]
+    assert_multipliers(run, math.exp(-0.05 * period / 0.0125))
+    rate = solve_ivp(
+        lambda angle, y: [(1.0 - 0.05 * y[0] - 0.05 * GRAVITY * math.cos(angle)) / (0.0125 * y[0]), 1 / y[0]],
+        (run.history["a"][0], run.history["a"][0] + 2 * math.pi),
+        [run.history["w"][0], 0],
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-12,
+    ).y[:, -1]
+    assert abs(rate[0] - run.history["w"][0]) < 1e-7
+    assert abs(rate[1] - period) < 1e-9
+    assert run.history.time[-1] == period
+
+
+BELT = """! A block on a moving belt: it sticks, breaks away at the static limit, slips back.
+&scene gravity=0,-9.81 /
+&body name='belt' mass=5 inertia=1 velocity=0.1,0 /
+&body name='block' mass=1 inertia=0.1 position=0.02,0 velocity=-0.1,0 /
+&joint name='rail' type='prismatic' body_a='belt' direction=0 /
+&joint name='guide' type='prismatic' body_a='block' body_b='belt' direction=0 friction=0.2 friction_static=0.3 /
+&spring name='k' type='linear' body_a='block' body_b='ground' point_b=-0.5,0 stiffness=100 free_length=0.5 /
+&history name='v' kind='polynomial' coefficients=0.1 /
+&drive name='d' type='position' body_a='belt' direction=0 history='v' rate=.true. /
+&sensor name='x' quantity='position' body='block' /
+&periodic period_guess=0.8 moves_on='belt' /
+&transient method='rk4' step=1e-3 /
+"""
+
+
+@pytest.mark.parametrize("speed", [-0.1, 0.1])
+def test_stick_slip(run_deck, speed):
+    """Period of stick-slip in closed form, from a start that slips and from one that sticks; nothing of a disturbance lives."""
+    run = run_deck(BELT.replace("velocity=-0.1,0", f"velocity={speed},0"))
+    lag = 0.1 * GRAVITY / 100  # what the spring gives way between static and kinetic limit
+    slip = 2 * (math.pi - math.atan2(10 * lag, 0.1)) / 10
+    assert abs(run.figures["periodic"]["period"] - (slip + 2 * lag / 0.1)) < 1e-9
+    assert run.figures["periodic"]["largest_multiplier"] < 1e-6
+
+
+# --- flexible links
+
+
+def test_bending_rod(run_deck):
+    """A slider-crank whose rod bends: variational DOP853 at 1e-11 of the linear equations with periodic coefficients."""
+    run = run_deck(REFERENCE / "periodic_rod" / "deck.nml")
+    slowest = -0.9184239365777669 + 0.23886829767452952j
+    assert_multipliers(run, [slowest, slowest.conjugate()])
+    first = {name: run.history[name][0] for name in ("mid.v", "mid.r", "slider.x", "motor.m")}
+    assert abs(first["mid.v"] - 0.0026402136744060308) < 1e-9
+    assert abs(first["mid.r"] + 0.0010438506449076913) < 1e-9
+    assert abs(first["slider.x"] - 0.297329781480429) < 1e-9
+    assert abs(abs(first["motor.m"]) - 1.2986985235807957) < 1e-6
+    assert_repeats(run, 1e-6)  # accelerations of stiff modes
+    periodic = run.figures["periodic"]
+    assert periodic["turns_to_cycle"] <= 17  # running alone takes 480
+
+
+ARM = """! A viscoelastic arm that turns at constant speed under its weight: linear with constant coefficients in its own axes.
+&scene gravity=0,-9.81 /
+&material name='soft' density=1200 young=2e9 ghm_alpha=0.4 ghm_zeta=1.2 ghm_omega=300 rayleigh_stiffness=2e-5 /
+&section name='bar' shape='rectangle' width=0.01 height=0.008 /
+&body name='arm' kind='beam' length=0.3 elements=2 material='soft' section='bar' reference='clamped' axial=.false. /
+&joint name='shaft' type='revolute' body_a='arm' node_a=1 body_b='ground' point_b=0,0 /
+&history name='spin' kind='polynomial' coefficients=40.0 /
+&drive name='motor' type='rotation' body_a='arm' history='spin' rate=.true. /
+&sensor name='tip' quantity='deflection' body='arm' node=3 /
+"""
+
+
+@pytest.fixture(scope="module")
+def arm_poles(probe, tmp_path_factory):
+    """The eigenvalues of the oracle's equations of the arm [1/s]."""
+    arm = TurningArm(Twins(probe, tmp_path_factory.mktemp("arm"), ARM).oracle)
+    return np.linalg.eigvals(arm.slopes())
+
+
+@pytest.mark.parametrize("method, steps", [("rk4", 4000), ("dopri5", 1000), ("radau", 1000)])
+def test_turning_arm(run_deck, arm_poles, method, steps):
+    """The multipliers of an arm with GHM terms are exp(lambda T), by each method."""
+    period = 2 * math.pi / 40
+    transient = f"&transient method='{method}' step={period / steps!r} output_step={period / 50!r} /\n"
+    run = run_deck(ARM + f"&periodic period={period!r} multipliers=3 /\n" + transient)
+    assert_multipliers(run, np.exp(arm_poles * period))
+
+
+CONTROLLED = """! A mass on a spring that a controller leads along a sine, continuously or by samples.
+&parameter name='T' value=0.5 /
+&scene /
+&body name='mass' mass=2 inertia=1 position=0,0 /
+&joint name='rail' type='prismatic' body_a='mass' direction=0 /
+&spring name='k' type='linear' body_a='mass' body_b='ground' point_b=-1,0 stiffness=50 damping=1 free_length=1 /
+&history name='r' kind='sine' amplitude=0.1 frequency={1/T} /
+&sensor name='x' quantity='position' body='mass' /
+&sensor name='v' quantity='velocity' body='mass' /
+&controller name='c' argument='x.x' history='r' kp=200 ki=300 kd=8 filter=0.01 SAMPLE/
+&force name='f' type='force' body='mass' fx=1 controller='c' /
+&periodic period={T} multipliers=4 /
+&transient method='rk4' step=5e-4 output_step=1e-2 /
+"""
+
+
+def test_controller(run_deck):
+    """Integral and filter of a PID controller are unknowns of the cycle."""
+    run = run_deck(CONTROLLED.replace("SAMPLE", ""))
+    filtered, mass = 0.01, 2.0
+    matrix = np.array(  # x, v, integral, filter f: D = kd (e - f)/tau, e = -x
+        [
+            [0, 1, 0, 0],
+            [(-50 - 200 - 8 / filtered) / mass, -1 / mass, 1 / mass, -8 / filtered / mass],
+            [-300, 0, 0, 0],
+            [-1 / filtered, 0, 0, -1 / filtered],
+        ]
+    )
+    expected = np.exp(np.linalg.eigvals(matrix) * 0.5)
+    assert_multipliers(run, expected[np.abs(expected) > 1e-6])
+    assert_repeats(run)
+
+
+def test_sampled_controller(run_deck):
+    """The same by samples: the map of a sample to the power of their number."""
+    run = run_deck(CONTROLLED.replace("SAMPLE", "sample=0.025 "))
+    hold = expm(np.array([[0, 1, 0], [-25, -0.5, 0.5], [0, 0, 0]]) * 0.025)[:2]
+    tau, h = 0.01, 0.025
+    error = np.array([-1.0, 0, 0, 0])  # of x, v, integral, filter
+    integral = np.array([0, 0, 1.0, 0]) + h * 300 * error
+    change = 8 / (tau + h) * (error - np.array([0, 0, 0, 1.0]))
+    smooth = (tau * np.array([0, 0, 0, 1.0]) + h * error) / (tau + h)
+    output = 200 * error + np.array([0, 0, 1.0, 0]) + change
+    sample = np.vstack([hold @ np.vstack([np.eye(4)[:2], output]), integral, smooth])
+    expected = np.linalg.eigvals(sample) ** 20
+    assert_multipliers(run, expected[np.abs(expected) > 1e-6])
+    assert_repeats(run)
+    fault = run_deck(CONTROLLED.replace("SAMPLE", "sample=0.03 "), expect=2)
+    assert "has 16.667 samples" in fault.stderr
+
+
+# --- what is refused or told
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (("&periodic period={T} ", "&periodic period={T} period_guess=1 "), "are both given"),
+        (("&periodic period={T} ", "&periodic "), "period > 0"),
+        (("&periodic period={T} ", "&periodic period={1.5*T} "), "does not repeat in the period of the cycle, 0.15 s"),
+        (("&periodic period={T} ", "&periodic period_guess={T} "), "depends on time"),
+        (("method='rk4'", "method='generalized_alpha'"), "wrong phases"),
+        (("method='rk4'", "method='rk4' stabilization='none'"), "expected 'projection'"),
+        (("&transient method='rk4' step={T/500} output_step={T/50} /", ""), "expected &transient"),
+        (("multipliers=2", "moves_on='tabel'"), "did you mean"),
+    ],
+)
+def test_refused(run_deck, change, words):
+    """Faults of the deck, with their lines."""
+    run = run_deck(BALL.replace(*change), expect=2)
+    assert words in run.stderr, run.stderr
+    assert not run.folder.exists()
+
+
+def test_no_cycle(run_deck):
+    """A body that falls for ever repeats in no sense; one that drifts is named with its way."""
+    deck = "&scene gravity=0,-9.81 /\n&body name='stone' mass=1 inertia=1 /\n&sensor name='s' quantity='position' body='stone' /\n"
+    run = run_deck(deck + "&periodic period=0.5 /\n&transient method='rk4' step=0.01 /\n", expect=1)
+    assert "no cycle was found" in run.stderr
+    assert 'body "stone"' in run.stderr
+    assert not (run.folder / "floquet.txt").exists()
+    drifting = BELT.replace("moves_on='belt'", "").replace("period_guess=0.8", "period=0.8")
+    run = run_deck(drifting, expect=1)
+    assert 'the x of body "belt"' in run.stderr and "moves_on='belt'" in run.stderr
+
+
+def test_rest_is_no_cycle(run_deck):
+    """With an unknown period a rest would repeat after any time."""
+    deck = ROTOR.replace("angular_velocity=20", "angle=-1.5").replace("moment=1.0", "moment=0.1")
+    deck = deck.replace("damping=0.05", "damping=0.2")
+    run = run_deck(deck, expect=1)
+    assert "rest" in run.stderr
+
+
+def test_contact_with_memory(run_deck):
+    """A compliant stop that is touched at t = 0 has a force which the state does not tell."""
+    deck = OSCILLATOR.replace("position=0.03,0 velocity=0.9,0", "position=0.052,0 velocity=0.1,0").replace(
+        "restitution=0.7", "restitution=0.7 stiffness=2e4"
+    )
+    for phase in np.arange(0.0, 6.2, 0.3):  # the contact takes 1/60 of a period: some phase has it at t = 0
+        run = run_deck(deck.replace("phase=0.2", f"phase={phase}").replace("stiffness=2e4", "stiffness=200"), expect=None)
+        if run.status == 1:
+            assert "the speed at touching" in run.stderr, run.stderr
+            return
+    pytest.fail("no phase has the contact at t = 0")
+
+
+def test_restart(run_deck, biela, tmp_path):
+    """A signal within the turns, then --restart: the files of an undisturbed run, to the last bit."""
+    deck = (REFERENCE / "periodic_rod" / "deck.nml").read_text(encoding="utf-8")
+    whole = run_deck(deck, "--output", "whole", name="rod")
+
+    def interrupted():
+        process = subprocess.Popen([str(biela), "--output", "parts", "rod.nml"], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
+        told = process.communicate()[1]
+        return told if process.returncode == 128 + signal.SIGINT and "turns" in told else None
+
+    caught(interrupted)
+    parts = run_deck(tmp_path / "rod.nml", "--restart", "--output", "parts")
+    for name in ("history.txt", "floquet.txt", "energy.txt"):
+        assert (whole.folder / name).read_bytes() == (parts.folder / name).read_bytes()
+    assert whole.figures["periodic"] == parts.figures["periodic"]
+    assert not (parts.folder / "checkpoint").exists()
