@@ -17,6 +17,7 @@ _MODULES = {
     "Runner": "deck_runs",
     "SolverError": "session",
     "fit": "session",
+    "identify": "session",
     "optimise": "session",
     "read": "histories",
     "read_summary": "histories",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ class Design:
         extremes: place and value of the extremes of each of them, empty where it is no extreme of several
         errors: of the values, 0 where they were not measured
         reason: why the run failed, '' where it did not
+        differences: from what was measured, of each misfit
     """
 
     point: dict
@@ -33,6 +34,7 @@ class Design:
     extremes: list
     errors: np.ndarray
     reason: str
+    differences: list = field(default_factory=list)
 
     @property
     def ok(self) -> bool:
@@ -101,4 +103,4 @@ class DesignRuns(StudyRuns):
             self.units = entry["units"]
             missing = [one.name for one, value in zip(self.study.scalars, entry["values"]) if not np.isfinite(value)]
             reason = f"the run has no {missing[0]}" if missing else ""
-        return Design(point, values, extremes, errors, reason)
+        return Design(point, values, extremes, errors, reason, entry.get("differences", []))

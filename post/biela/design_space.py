@@ -44,9 +44,12 @@ class Space:
 
     def value(self, k: int, unit: float) -> float:
         """Return the value of the free parameter k, from its coordinate."""
+        return self.beyond(k, min(max(float(unit), 0.0), 1.0))
+
+    def beyond(self, k: int, unit: float) -> float:
+        """Return the value of the free parameter k from its coordinate, which may lie outside of the cube."""
         low, high = self.free[k].ends
-        part = min(max(float(unit), 0.0), 1.0)
-        return float(low * (high / low) ** part if self.free[k].log else low + (high - low) * part)
+        return float(low * (high / low) ** unit if self.free[k].log else low + (high - low) * unit)
 
     def unit(self, k: int, value: float) -> float:
         """Return the coordinate of a value of the free parameter k."""

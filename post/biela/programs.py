@@ -338,6 +338,19 @@ def optimise(p: Parser) -> None:
     p.add("--where", action="append", default=[], metavar="'NAME < VALUE'", help="limit, beside those of the study")
 
 
+@program("identify_work.work")
+def identify(p: Parser) -> None:
+    """Find parameters of a deck from what was measured: values, 95 % intervals, and what the data do not tell.
+
+        identify.py STUDY.toml                                results with measure = "misfit" name the data
+        identify.py STUDY.toml --scheduler tcp://HOST:8786 on the workers of a Dask scheduler that sees this folder
+
+    Least squares (scipy's trust region) from the best of runs all over the ranges. Exit status 1: there are combinations of
+    parameters of which the data tell no more than their ranges do.
+    """
+    p.add_study("identify")
+
+
 @program("sensitivity_work.work")
 def sensitivity(p: Parser) -> None:
     """By how much results change with each free parameter: derivatives with their errors, a table and a tornado picture.

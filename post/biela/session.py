@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import pandas
 
     from .fit_material import MaterialFit
+    from .identify_work import Identified
     from .optimum import Optimum
     from .sensitivity_work import Sensitivity
     from .spectrum_work import Spectrum
@@ -219,6 +220,26 @@ def sensitivity(study: str | Path, folder: str | Path | None = None, **options: 
     from .sensitivity_work import sensitivity as take
 
     return take(_options(StudyOptions, "sensitivity", study, folder, options))
+
+
+def identify(study: str | Path, folder: str | Path | None = None, **options: object) -> Identified:
+    """Find parameters of a deck by least squares from what was measured.
+
+    Args:
+        study: the file; its results with measure = 'misfit' name the data
+        folder: of what is stored, of table.csv and identified.nml; left out: results/identify/<study name>
+        options: those of `sweep_study.StudyOptions` (`jobs=4`)
+
+    Returns:
+        `parameters`, `intervals` (95 %), `untold`: combinations of which the data tell nothing, `covariance`, `misfit`,
+        `report`, `picture()`, `to_dataframe()`.
+
+    Raises:
+        BielaError: the study or its deck is wrong, or there are too few data.
+    """
+    from .identify_work import identify as find
+
+    return find(_options(StudyOptions, "identify", study, folder, options))
 
 
 def fit(table: str | Path, folder: str | Path | None = None, **options: object) -> MaterialFit:

@@ -74,10 +74,14 @@ def _entry(line: str, results: int) -> dict | None:
         return None
 
 
-def keys(study: Study, text: str, biela: Path) -> list[str]:
-    """Return a key for each run: a hash of solver, deck, values, measures and what measures. The same key means the same run."""
-    programs = biela, *(FOLDER / "biela" / name for name in ("sweep_run.py", "sweep_scalars.py"))
-    solver = hashlib.sha256(b"".join(path.read_bytes() for path in programs)).hexdigest()
+def digest(biela: Path) -> str:
+    """Return a hash of what runs and measures."""
+    programs = biela, *(FOLDER / "biela" / name for name in ("sweep_run.py", "sweep_scalars.py", "fatigue.py"))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in programs)).hexdigest()
+
+
+def keys(study: Study, text: str, solver: str) -> list[str]:
+    """Return a key for each run: a hash of solver (`digest`), deck, values and measures. The same key means the same run."""
     targets = [[one.name, one.targets, one.catalogue] for one in study.parameters]
     common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets, study.extremes, study.check])
     head = hashlib.sha256(common.encode())
@@ -164,6 +168,7 @@ class StudyRuns:
         self.text = deck.flat(options.biela)
         self.progress = Progress(options.shown)
         self.pool: Executor | None = None
+        self.digest = ""
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self.journal = Journal(folder / "journal.jsonl", len(study.scalars))
@@ -190,7 +195,8 @@ class StudyRuns:
             raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
 
     def _entries(self, study: Study) -> list[dict]:
-        found = keys(study, self.text, self.options.biela)
+        self.digest = self.digest or digest(self.options.biela)
+        found = keys(study, self.text, self.digest)
         begin_kept(self.folder / "runs", found, self.options.keep)
         wanted = [k for k, key in enumerate(found) if key not in self.journal.done]
         begun, done = time.monotonic(), 0

@@ -8,8 +8,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib import patheffects
 
+from .design_runs import Design
 from .picture_files import save
-from .plot import COLOURS, LOOK, pretty_unit
+from .plot import COLOURS, LOOK, axis_label, pretty_unit
+from .quantiles import Quantile
 from .sweep_study import Study
 
 OUTLINED = [patheffects.withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
@@ -50,6 +52,60 @@ def draw(
                 axis.set_xlabel(pretty_unit(header[k].replace("[", " [")))
             line[0].set_ylabel(pretty_unit(header[result].replace("[", " [")))
     return [save(figure, folder / "curves")]
+
+
+def draw_distributions(study: Study, header: list[str], rows: list[list], quantiles: list[Quantile], limits, folder: Path) -> Path:
+    """Draw which share of random designs has at most each value of each result, with the quantiles and their intervals."""
+    own, count = len(study.parameters), len(study.scalars)
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(count, 1, figsize=(8.0, 0.8 + 2.4 * count), squeeze=False, layout="constrained")
+        for k, (axis, scalar) in enumerate(zip(axes[:, 0], study.scalars)):
+            values = np.sort([row[own + k] for row in rows if not row[-1]])
+            values = values[np.isfinite(values)]
+            axis.step(values, 100.0 * np.arange(1, values.size + 1) / values.size, where="post", color=COLOURS[0])
+            for one in (one for one in quantiles if one.name == scalar.name):
+                ends = np.clip([one.low, one.high], *values[[0, -1]])
+                axis.plot(ends, [100.0 * one.level] * 2, "|-", color=COLOURS[1], markersize=8)
+                axis.plot(one.value, 100.0 * one.level, "o", color=COLOURS[1], markersize=4)
+            for column, limit in limits:
+                if column == own + k:
+                    axis.axvline(limit, color=COLOURS[2], ls="--", label=f"limit {limit:.4g}")
+                    axis.legend(loc="lower right")
+            axis.set_xlabel(pretty_unit(header[own + k].replace("[", " [")))
+            axis.set_ylabel("designs up to it [%]")
+        figure.suptitle(f"{study.name}: {values.size} of {len(rows)} designs, quantiles with 95 % intervals", fontsize=10)
+    return save(figure, folder / "distributions")
+
+
+def draw_identified(study: Study, best: Design, units: list[str]) -> plt.Figure:
+    """Return a figure of what was measured and of the model (of a response the amplitude), and of their differences.
+
+    Args:
+        study: of the results
+        best: the design
+        units: of the results
+    """
+    misfits = [(one, unit) for one, unit in zip(study.scalars, units) if one.measure == "misfit"]
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(2 * len(misfits), 1, figsize=(8.0, 0.8 + 4.0 * len(misfits)), squeeze=False, sharex="col",
+                                    height_ratios=(3, 2) * len(misfits), layout="constrained")  # fmt: skip
+        for (upper, lower), (one, unit), found in zip(axes.reshape(-1, 2), misfits, best.differences):
+            at, *parts = map(np.array, one.measured)
+            inside = (at >= one.start) & (at <= one.end)
+            measured = np.array(parts)[:, inside]
+            apart = np.reshape(found, measured.shape)
+            size = (lambda both: np.hypot(*both)) if len(parts) > 1 else (lambda both: both[0])
+            upper.plot(at[inside], size(measured), ".", color="#666666", markersize=3, label="measured")
+            upper.plot(at[inside], size(measured + apart), color=COLOURS[1], label="model")
+            for part, name in zip(apart, ("real part", "imaginary part")):
+                lower.plot(at[inside], part, label=name if len(apart) > 1 else None)
+            upper.set_ylabel(axis_label(f"{one.column}, amplitude" if len(parts) > 1 else one.column, unit))
+            upper.set_yscale("log" if len(parts) > 1 else "linear")
+            lower.set_ylabel(axis_label("model less measured", unit))
+            for axis in (upper, lower) if len(parts) > 1 else (upper,):
+                axis.legend(loc="upper right", ncols=2)
+        axes[-1, 0].set_xlabel("f [Hz]" if misfits[-1][0].file == "frequency_response" else "t [s]")
+    return figure
 
 
 def _is_grid(rows: list[list], free: list[int]) -> bool:

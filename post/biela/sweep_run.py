@@ -57,6 +57,7 @@ class Row:
         reason: why it failed, '' where it did not
         extremes: of the scalars that are one of several, where they were asked for
         errors: of the values, where they were measured
+        differences: from what was measured, of each misfit, where extremes were asked for
     """
 
     number: int
@@ -65,6 +66,7 @@ class Row:
     reason: str
     extremes: list = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
+    differences: list[list[float]] = field(default_factory=list)
 
 
 def common_settings(study: Study, deck: Deck, only_used: bool) -> tuple[str, ...]:
@@ -78,7 +80,7 @@ def common_settings(study: Study, deck: Deck, only_used: bool) -> tuple[str, ...
     found = [f"{where_of(group)}check_error=.true." for group in deck.all("transient") if study.check]
     if not only_used or any(scalar.mode or scalar.file not in ("history", "energy") for scalar in study.scalars):
         return tuple(found)
-    used = {scalar.column.partition(".")[0].lower() for scalar in study.scalars if scalar.file == "history"}
+    used = {column.partition(".")[0].lower() for one in study.scalars if one.file == "history" for column in one.columns}
     needed = deck.needed_sensors(used)
     found += [f"{where_of(group)}=" for group in deck.all("sensor") if used and group.name not in needed]
     return (*found, *(f"{where_of(group)}motion_step=" for group in deck.all("transient")))
@@ -135,7 +137,8 @@ def _row(number: int, results: Path, deck: Path, batch: Batch, stopped: str) -> 
     if not reason:
         try:
             found = measure(results, batch.scalars, batch.extremes, batch.check)
-            return Row(number, found.values, found.units, "", found.extremes if batch.extremes else [], found.errors)
+            extremes = found.extremes if batch.extremes else []
+            return Row(number, found.values, found.units, "", extremes, found.errors, found.differences)
         except ValueError as fault:
             reason = str(fault)
     return Row(number, [], [], reason)

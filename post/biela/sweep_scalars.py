@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import fatigue
 from .histories import History, read
 from .number_text import WIDTH, numbers
 from .result_files import HistoryError
@@ -17,7 +18,7 @@ FILES = {"history": "history.txt", "energy": "energy.txt", "modes": "modes.txt",
 FILES["frequency_response"] = "frequency_response.txt"
 HEAD = re.compile(rb"(?:#.*\n)*")
 MEASURES = ("peak", "rms", "range", "min", "max", "mean", "final", "value")
-MEASURES += ("decay_rate", "settling_time", "spectral_peak", "mass", "summary")
+MEASURES += ("decay_rate", "settling_time", "spectral_peak", "order", "damage", "misfit", "mass", "summary")
 OF_MODE = ("frequency", "damping_ratio")
 MEASURES += OF_MODE
 LARGEST = ("peak", "max", "min")  # the measures that are the largest of several extremes
@@ -25,6 +26,7 @@ EXTREMES = 6  # of a column that are listed, the largest first
 ROUNDING = 1.0e-12  # of a number that no step in time has made
 BETWEEN_ROWS = ("peak", "min", "max", "range", "value")
 HALF_THE_ROWS = 1.0 / 32.0  # error of a polynomial of degree five or six with all rows, in parts of that with every second row
+EDGE = 1.0e-9  # of what the rows span, by which their ends may err
 NEIGHBOURS = 3  # rows on either side of an extreme, which its polynomial passes through
 OF_COLUMN = {"peak": 1.0, "min": 1.0, "max": 1.0, "mean": 1.0, "final": 1.0, "value": 1.0, "rms": 1.0, "range": 2.0}
 
@@ -36,17 +38,31 @@ class Scalar:
     Attributes:
         name: column of the table
         measure: peak (largest size), rms, range, min, max, mean, final, value (interpolated at `at`), decay_rate (of the peaks'
-            envelope [1/s]), settling_time (after which it stays within `band` of its range about its last value [s]), spectral_peak
-            (frequency of the largest amplitude [Hz]), mass (of the body that `column` names, of all bodies without it [kg]),
-            frequency [Hz] or damping_ratio of the vibration `mode`, or summary (a figure of summary.json named by `key`). An
-            extreme is that of a polynomial through seven rows where these show a smooth crest, else that of the rows: at corners
-            and jumps nothing exceeds what the run wrote.
-        column: of the file
+            envelope [1/s]), settling_time (after which it stays near its `target` [s], NaN where it does not), spectral_peak
+            (frequency of the largest amplitude [Hz]), order (amplitude of that order of `period`), damage (by rainflow counts),
+            misfit (rms difference from what was `measured`), mass (of the body that `column` names, of all bodies without it
+            [kg]), frequency [Hz] or damping_ratio of the vibration `mode`, or summary (a figure of summary.json named by `key`).
+            An extreme is that of a polynomial through seven rows where these show a smooth crest, else that of the rows: at
+            corners and jumps nothing exceeds what the run wrote.
+        column: of the file; of a response that was measured the sensor's, without .amplitude and .phase
         file: history, energy, static, modes or frequency_response
         at: time, load or frequency of `value`
-        band: of `settling_time`, in parts of the range
+        target: of `settling_time` [unit of the column]; None: the last value
+        band: of `settling_time`, on either side of the target, in parts of the column's range [-]
+        within: in place of `band` [unit of the column]
         start: rows before this time do not count [s]
         end: rows after this time do not count [s]
+        period: whole ones count: its length [s], or the name of a column of the file that holds an angle [rad], a turn of which
+            is one; 0: all rows count
+        periods: how many, the last ones; 0: all that the rows hold
+        order: of `order`: parts of a period that its vibration takes, 1 once in each
+        reference: of `rms` and `order`: the number is the level of the rms value in dB, 20 lg(rms/reference) [unit of the column]
+        strength: of `damage`: amplitude that the material bears `cycles` times [unit of the column]
+        cycles: of `strength`
+        slope: of the line of `strength`: the cycles borne fall with this power of the amplitude
+        ultimate: of `damage`: amplitudes are divided by 1 - mean/ultimate (Goodman) [unit of the column]; inf: means do not count
+        measured: times or frequencies and values, of a response real and imaginary parts
+        error: standard error of what was measured [unit of the column]; 0: not known
         key: of `summary`, parts separated by dots
         stated_unit: of `summary`, whose figures have none
         mode: number of a vibration, 1 the lowest: among the damped ones where there are such
@@ -58,9 +74,21 @@ class Scalar:
     column: str = ""
     file: str = "history"
     at: float = 0.0
+    target: float | None = None
     band: float = 0.02
+    within: float = 0.0
     start: float = -np.inf
     end: float = np.inf
+    period: float | str = 0.0
+    periods: int = 0
+    order: float = 0.0
+    reference: float = 0.0
+    strength: float = 0.0
+    cycles: float = 2.0e6
+    slope: float = 0.0
+    ultimate: float = np.inf
+    measured: tuple[tuple[float, ...], ...] = ()
+    error: float = 0.0
     key: str = ""
     stated_unit: str = ""
     mode: int = 0
@@ -84,9 +112,21 @@ class Scalar:
             raise ValueError(f"column = {self.column!r}: the name of a body expected")
         if not self.of_summary and not self.mode and not (self.column and isinstance(self.column, str)):
             raise ValueError(f"measure = {self.measure!r} needs a column")
-        for word, value in (("at", self.at), ("band", self.band), ("from", self.start), ("to", self.end)):
-            if not isinstance(value, (int, float)):
-                raise ValueError(f"{word} = {value!r}: a number expected")
+        numbers = {"at": self.at, "from": self.start, "to": self.end, "target": self.target or 0.0}
+        above = {word: getattr(self, word) for word in ("band", "within", "periods", "order", "reference", "error")}
+        above |= {word: getattr(self, word) for word in ("strength", "cycles", "slope", "ultimate")}
+        above |= {} if isinstance(self.period, str) else {"period": self.period}
+        for word, value in (numbers | above).items():
+            if type(value) not in (int, float) or (word in above and not value >= 0.0):
+                raise ValueError(f"{word} = {value!r}: a number expected" + (", 0 or more" if word in above else ""))
+        for word, measures in (("reference", ("rms", "order")), ("order", ("order",)), ("strength", ("damage",))):
+            if getattr(self, word) and self.measure not in measures:
+                raise ValueError(f"{word} belongs to measure = {' or '.join(map(repr, measures))}")
+        for measure, words in (("order", ("order", "period")), ("damage", ("strength", "cycles", "slope"))):
+            if self.measure == measure and not all(getattr(self, word) for word in words):
+                raise ValueError(f"measure = {measure!r} needs {', '.join(words)}")
+        if self.measure == "misfit" and not self.measured:
+            raise ValueError("measure = 'misfit' needs data = 'FILE.csv', what was measured")
 
     @property
     def of_summary(self) -> bool:
@@ -98,27 +138,64 @@ class Scalar:
         """The position of its figures in summary.json."""
         return self.key or "scene.bodies." + (f"{self.column}." if self.column else "*.") + "mass"
 
+    @property
+    def columns(self) -> set[str]:
+        """The columns of its file that it needs."""
+        parts = (".amplitude", ".phase") if len(self.measured) == 3 else ("",)
+        return {self.column + part for part in parts} | ({self.period} if isinstance(self.period, str) else set())
+
     def unit(self, of_column: str, of_axis: str) -> str:
         """Return the unit of the number, from those of its column and of the file's first column."""
         if self.measure == "settling_time":
             return of_axis
-        named = {"decay_rate": f"1/{of_axis}", "spectral_peak": "Hz", "frequency": "Hz", "damping_ratio": "", "summary": ""}
+        if self.reference:
+            return f"dB re {self.reference:g} {of_column}".rstrip()
+        named = {"decay_rate": f"1/{of_axis}", "spectral_peak": "Hz", "frequency": "Hz"}
+        named |= dict.fromkeys(("damping_ratio", "summary", "damage"), "")
         return named.get(self.measure, of_column)
 
-    def of(self, axis: np.ndarray, values: np.ndarray) -> float:
+    def rows(self, axis: np.ndarray, values: np.ndarray, angle: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return axis and column of what counts.
+
+        Args:
+            axis: the file's first column, ascending
+            values: the column
+            angle: the column that `period` names [rad]
+
+        Raises:
+            ValueError: it does not hold as many periods.
+        """
+        inside = (axis >= self.start) & (axis <= self.end)
+        axis, values = axis[inside], values[inside]
+        if not self.period or not values.size:
+            return axis, values
+        first = first_of_whole(axis / self.period if angle is None else angle[inside] / (2.0 * np.pi), axis, self.periods)
+        later = axis > first + EDGE * np.ptp(axis)
+        return np.append(first, axis[later]), np.append(interpolated(axis, values, first), values[later])
+
+    def of(self, axis: np.ndarray, values: np.ndarray, angle: np.ndarray | None = None) -> float:
         """Return the number of a column; NaN where the column has none.
 
         Args:
             axis: the file's first column, ascending
             values: the column
+            angle: the column that `period` names [rad]
+
+        Raises:
+            ValueError: it holds no whole period, or not all that was measured.
         """
-        inside = (axis >= self.start) & (axis <= self.end)
-        axis, values = axis[inside], values[inside]
+        if self.measure == "misfit":
+            return float(np.sqrt(np.mean(np.square(self.differences(axis, values)))))
+        all_rows = axis
+        axis, values = self.rows(axis, values, angle)
         if not values.size:
             return np.nan
+        if self.measure == "order":
+            turn = axis / self.period if angle is None else np.interp(axis, all_rows, angle) / (2.0 * np.pi)
+            return self._level(order(turn, values, self.order), np.sqrt(2.0))
         simple = {
             "peak": lambda: self.extremes(axis, values)[0][1],
-            "rms": lambda: np.sqrt(np.trapezoid(values**2, axis) / np.ptp(axis)) if np.ptp(axis) else abs(values[0]),
+            "rms": lambda: self._level(np.sqrt(np.trapezoid(values**2, axis) / np.ptp(axis)) if np.ptp(axis) else abs(values[0])),
             "range": lambda: maxima(axis, values)[0][1] + maxima(axis, -values)[0][1],
             "min": lambda: self.extremes(axis, values)[0][1],
             "max": lambda: self.extremes(axis, values)[0][1],
@@ -126,12 +203,34 @@ class Scalar:
             "final": lambda: values[-1],
             "value": lambda: interpolated(axis, values, self.at) if axis[0] <= self.at <= axis[-1] else np.nan,
             "decay_rate": lambda: decay_rate(axis, values),
-            "settling_time": lambda: settling_time(axis, values, self.band),
+            "settling_time": lambda: settling_time(axis, values, self.target, self.within or self.band * np.ptp(values)),
             "spectral_peak": lambda: spectral_peak(axis, values),
+            "damage": lambda: fatigue.damage(fatigue.cycles(values), self.strength, self.cycles, self.slope, self.ultimate),
         }
         return float(simple[self.measure]())
 
-    def extremes(self, axis: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
+    def _level(self, size: float, of_rms: float = 1.0) -> float:
+        """Return the size, or in dB the level of the rms value, which is the size over `of_rms`."""
+        return float(20.0 * np.log10(size / of_rms / self.reference) if size > 0.0 else -np.inf) if self.reference else float(size)
+
+    def differences(self, axis: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Return a column, by a cubic spline through its rows, less what was measured; of a response both parts, one by one.
+
+        Raises:
+            ValueError: the rows do not reach as far.
+        """
+        at, *parts = map(np.array, self.measured)
+        inside = (at >= self.start) & (at <= self.end)
+        at = at[inside]
+        if not at.size or at[0] < axis[0] - EDGE * np.ptp(axis) or at[-1] > axis[-1] + EDGE * np.ptp(axis):
+            raise ValueError(f"{self.column} runs from {axis[0]:g} to {axis[-1]:g}, which is not where it was measured")
+        from scipy.interpolate import CubicSpline
+
+        found = CubicSpline(axis, values)(at)
+        own = (found.real, found.imag)[: len(parts)]
+        return np.concatenate([one - part[inside] for one, part in zip(own, parts)])
+
+    def extremes(self, axis: np.ndarray, values: np.ndarray, angle: np.ndarray | None = None) -> list[tuple[float, float]]:
         """Return position and value of the extremes of a column from which its number is taken, the deciding one first.
 
         Each of them follows the parameters of a model smoothly, their largest does not.
@@ -139,9 +238,9 @@ class Scalar:
         Args:
             axis: the file's first column, ascending
             values: the column
+            angle: the column that `period` names [rad]
         """
-        inside = (axis >= self.start) & (axis <= self.end)
-        axis, values = axis[inside], values[inside]
+        axis, values = self.rows(axis, values, angle)
         if self.measure == "peak":
             return sorted(maxima(axis, values) + maxima(axis, -values), key=lambda one: -one[1])[:EXTREMES]
         return [(at, -value) for at, value in maxima(axis, -values)] if self.measure == "min" else maxima(axis, values)
@@ -213,6 +312,42 @@ def interpolated(axis: np.ndarray, values: np.ndarray, at: float) -> float:
     return within_rows(axis, values, at, np.polynomial.Polynomial.fit(x, y, x.size - 1)(at)) if x.size > 1 else float(y[0])
 
 
+def first_of_whole(turns: np.ndarray, axis: np.ndarray, count: int) -> float:
+    """Return where as many whole periods begin as end with the last row.
+
+    Args:
+        turns: periods at each position, ascending or descending throughout
+        axis: positions
+        count: how many; 0: all that there are
+
+    Raises:
+        ValueError: there are fewer, or what turns goes back.
+    """
+    there = int(abs(turns[-1] - turns[0]) * (1.0 + EDGE) + EDGE)
+    if there < max(count, 1):
+        raise ValueError(f"{there} whole periods, {max(count, 1)} or more expected")
+    way = np.sign(turns[-1] - turns[0])
+    if np.any(way * np.diff(turns) <= 0.0):
+        raise ValueError("the angle of period = '...' does not turn one way")
+    return float(np.interp(0.0, way * (turns - turns[-1]) + (count or there), axis))
+
+
+def order(turns: np.ndarray, values: np.ndarray, number: float) -> float:
+    """Return the amplitude of an order over whole turns: twice the size of the Fourier coefficient.
+
+    Args:
+        turns: at each row, ascending or descending, a whole number from the first to the last
+        values: of a column
+        number: of vibrations in a turn
+    """
+    from scipy.interpolate import make_interp_spline
+
+    along = np.abs(turns - turns[0])
+    even = along[-1] * np.arange(8 * values.size) / (8 * values.size)
+    part = make_interp_spline(along, values, k=min(3, values.size - 1))(even) * np.exp(-2j * np.pi * number * even)
+    return float(2.0 * abs(part.mean()))
+
+
 def decay_rate(time: np.ndarray, values: np.ndarray) -> float:
     """Return the rate at which the peaks about the mean decay: minus the slope of the logarithm of their sizes [1/s].
 
@@ -226,13 +361,18 @@ def decay_rate(time: np.ndarray, values: np.ndarray) -> float:
     return float(-np.polyfit(time[inner], np.log(size[inner]), 1)[0])
 
 
-def settling_time(time: np.ndarray, values: np.ndarray, band: float) -> float:
-    """Return the time after which values stay within `band` of their range about the last one [s]."""
-    off = np.abs(values - values[-1]) - band * np.ptp(values)
+def settling_time(time: np.ndarray, values: np.ndarray, target: float | None, within: float) -> float:
+    """Return the time after which values stay within that distance of the target, of the last one where it is None [s].
+
+    NaN where the last one is farther away.
+    """
+    off = np.abs(values - (values[-1] if target is None else target)) - within
     outside = np.flatnonzero(off > 0.0)
     if not outside.size:
         return float(time[0])
-    k = outside[-1]  # the last value is within the band, so that there is a row after it
+    k = outside[-1]
+    if k == values.size - 1:
+        return np.nan
     return float(time[k] + off[k] / (off[k] - off[k + 1]) * (time[k + 1] - time[k]))
 
 
@@ -275,12 +415,14 @@ class Measured:
         units: of them
         extremes: position and value of the extremes from which each is taken, where it is one of several
         errors: of the values, as the run's own `check_error` and the digits of its files tell, where that was asked for
+        differences: from what was measured, of each misfit, where the extremes were asked for
     """
 
     values: list[float]
     units: list[str]
     extremes: list[list[tuple[float, float]]]
     errors: list[float]
+    differences: list[list[float]]
 
 
 def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, errors: bool = False) -> Measured:
@@ -288,9 +430,9 @@ def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, e
     wanted: dict[str, set[str]] = {}
     for scalar in scalars:
         if not scalar.of_summary and not scalar.mode:
-            wanted.setdefault(scalar.file, set()).add(scalar.column)
+            wanted.setdefault(scalar.file, set()).update(scalar.columns)
     tables = {file: _read_columns(folder / FILES[file], columns) for file, columns in wanted.items()}
-    found = Measured([], [], [], [])
+    found = Measured([], [], [], [], [])
     for scalar in scalars:
         if scalar.of_summary:
             found.values.append(_summary_figure(folder, scalar.path))
@@ -302,15 +444,25 @@ def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, e
             found.units.append(scalar.unit("", ""))
             found.extremes.append([])
             continue
-        columns, known, axis, axis_unit = tables[scalar.file]
-        values = columns[scalar.column]
-        found.values.append(scalar.of(axis, values))
-        found.units.append(scalar.unit(known[scalar.column], axis_unit))
-        several = extremes and scalar.measure in LARGEST and np.isfinite(found.values[-1])
-        found.extremes.append(scalar.extremes(axis, values) if several else [])
+        _, known, axis, axis_unit = table = tables[scalar.file]
+        values, angle = _values(scalar, table)
+        found.values.append(scalar.of(axis, values, angle))
+        found.units.append(scalar.unit(known[min(scalar.columns - {scalar.period})], axis_unit))
+        several = extremes and np.isfinite(found.values[-1])
+        found.extremes.append(scalar.extremes(axis, values, angle) if several and scalar.measure in LARGEST else [])
+        if several and scalar.measure == "misfit":
+            found.differences.append(scalar.differences(axis, values).tolist())
     if errors:
         found.errors.extend(_errors(folder, scalars, found.values, tables))
     return found
+
+
+def _values(scalar: Scalar, table: tuple) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the column of a scalar, complex where it is a response, and the angle of its period, None where it has none."""
+    columns = table[0]
+    if len(scalar.measured) == 3:
+        return columns[f"{scalar.column}.amplitude"] * np.exp(1j * columns[f"{scalar.column}.phase"]), None
+    return columns[scalar.column], columns[scalar.period] if isinstance(scalar.period, str) else None
 
 
 def _of_mode(folder: Path, scalar: Scalar) -> float:
@@ -363,7 +515,8 @@ def _errors(folder: Path, scalars: tuple[Scalar, ...], values: list[float], tabl
         error = 0.0
         if scalar.file == "history" and scalar.measure in OF_COLUMN:
             table, _, axis, _ = tables[scalar.file]
-            half = scalar.of(axis[::2], table[scalar.column][::2])
+            angle = table[scalar.period][::2] if isinstance(scalar.period, str) else None
+            half = scalar.of(axis[::2], table[scalar.column][::2], angle)
             smooth = scalar.measure != "range" and value not in np.abs(table[scalar.column]) and value not in table[scalar.column]
             between = abs(half - value) * (HALF_THE_ROWS if smooth else 1.0)
             between = between if scalar.measure in BETWEEN_ROWS and np.isfinite(half) else 0.0

@@ -1,7 +1,7 @@
 """What a sweep varies and what it measures, read from a TOML file (see post/README.md).
 
     deck = "slider_crank.nml"            # relative to this file
-    design = "grid"                      # or "zip", "latin_hypercube" (samples, seed)
+    design = "grid"                      # or "zip", "latin_hypercube", "random" (samples, seed)
     [[parameter]]
     name = "height"                      # of a &parameter of the deck; with `set` only how the table calls it
     unit = "m"                           # as the table and the pictures show it; optional
@@ -9,6 +9,7 @@
     set = ["section/rod/height"]         # in a deck without that parameter: group/name/variable, group/variable, .../variable(2)
     catalogue = "tubes.csv"              # or rows of a table, beside this file: a name, then values of the deck's parameters
     start, spread                        # where a search begins; by how much the parameter may be off [unit of the parameter]
+    mean, deviation                      # in place of values: of a normal distribution, in design = "random"
     [[result]]
     name = "peak"                        # how the table calls it
     measure = "peak"                     # the kinds of sweep_scalars.py
@@ -32,6 +33,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .histories import read as read_table
 from .result_files import BielaError
 from .sweep_scalars import Scalar
 
@@ -41,7 +43,7 @@ else:
     import tomli as tomllib
 
 TARGET = re.compile(r"\w+/([\w-]+/)?\w+(\(\d+\))?")
-DESIGNS = ("grid", "zip", "latin_hypercube")
+DESIGNS = ("grid", "zip", "latin_hypercube", "random")
 MOST_RUNS = 1_000_000  # of a study
 
 
@@ -63,6 +65,7 @@ class Parameter:
         start: where a search begins
         spread: by how much it may be off
         catalogue: the deck's parameters of each value, which is the name of a row
+        deviation: standard deviation about its one value, in a random design
     """
 
     name: str
@@ -74,6 +77,7 @@ class Parameter:
     start: float | None = None
     spread: float | None = None
     catalogue: dict[str, dict[str, float]] = field(default_factory=dict)
+    deviation: float = 0.0
 
     def settings(self, value: object) -> dict[str, object]:
         """Return the deck's parameters that a value means, by name; none where variables get it."""
@@ -150,6 +154,7 @@ class Study:
         runs: that a search may make
         extremes: the runs tell those of columns
         check: the runs measure their own errors
+        quantiles: of the results, where the points are drawn at random; none where they are not
     """
 
     name: str
@@ -163,6 +168,7 @@ class Study:
     runs: int = 1000
     extremes: bool = False
     check: bool = False
+    quantiles: tuple[float, ...] = ()
 
 
 def read(path: Path, design: bool = True) -> Study:
@@ -182,11 +188,12 @@ def read(path: Path, design: bool = True) -> Study:
 
 def _study(path: Path, content: dict, design: bool) -> Study:
     """Return the study that a TOML file states."""
-    _known(content, ("deck", "design", "samples", "seed", "parameter", "result", "best", "where", "starts", "runs"), "the study")
+    words = ("deck", "design", "samples", "seed", "quantiles", "parameter", "result", "best", "where", "starts", "runs")
+    _known(content, words, "the study")
     if not isinstance(content.get("deck"), str):
         raise StudyError("deck = 'FILE.nml' is missing")
     parameters = tuple(_parameter(entry, path.parent) for entry in _tables(content, "parameter"))
-    scalars = tuple(_scalar(entry) for entry in _tables(content, "result"))
+    scalars = tuple(_scalar(entry, path.parent) for entry in _tables(content, "result"))
     if not parameters:
         raise StudyError("no [[parameter]] is given")
     if not scalars:
@@ -204,7 +211,11 @@ def _study(path: Path, content: dict, design: bool) -> Study:
             raise StudyError(f"{word} = {value!r}: a whole number of at least 1 expected")
     points = _points(content, parameters) if design else ()
     deck = (path.parent / content["deck"]).resolve()
-    return Study(path.stem, deck, parameters, scalars, points, best, tuple(where), **counts)
+    levels = content.get("quantiles", [0.05, 0.5, 0.95])
+    if not isinstance(levels, list) or not levels or not all(type(one) in (int, float) and 0.0 < one < 1.0 for one in levels):
+        raise StudyError(f"quantiles = {levels!r}: numbers between 0 and 1 expected")
+    levels = tuple(sorted(levels)) if design and content.get("design") == "random" else ()
+    return Study(path.stem, deck, parameters, scalars, points, best, tuple(where), **counts, quantiles=levels)
 
 
 def _known(entry: dict, words: tuple[str, ...], what: str) -> None:
@@ -233,15 +244,14 @@ def _parameter(entry: dict, folder: Path) -> Parameter:
     """Return one [[parameter]]; folder: of the study."""
     if "expression" in entry:
         raise StudyError("expression: expected in the deck, &parameter name='...' value={...}, whose value follows those that vary")
-    words = ("name", "set", "values", "from", "to", "points", "spacing", "unit", "catalogue", "start", "spread")
-    _known(entry, words, "[[parameter]]")
+    _known(entry, PARAMETER_WORDS, "[[parameter]]")
     name = entry.get("name", "")
     if not isinstance(name, str) or not name.isidentifier():
         raise StudyError(f"[[parameter]] name = {name!r}: a word of letters, digits and _ expected")
     target_texts = entry.get("set", [])
     targets = tuple(_target(text) for text in (target_texts if isinstance(target_texts, list) else [target_texts]))
-    if sum(word in entry for word in ("values", "from", "catalogue")) != 1:
-        raise StudyError(f"parameter {name}: one of values, from (with to and points) or catalogue expected")
+    if sum(word in entry for word in ("values", "from", "catalogue", "mean")) != 1:
+        raise StudyError(f"parameter {name}: one of values, from, mean or catalogue expected")
     log = entry.get("spacing", "linear") == "log"
     unit = str(entry.get("unit", ""))
     if "catalogue" in entry:
@@ -249,24 +259,26 @@ def _parameter(entry: dict, folder: Path) -> Parameter:
         if targets:
             raise StudyError(f"parameter {name}: a catalogue names the deck's parameters; `set` has no place beside it")
         return Parameter(name, (), tuple(rows), False, unit, catalogue=rows)
-    values: tuple = ()
+    start, spread, mean, deviation = (_number(name, entry, word) for word in ("start", "spread", "mean", "deviation"))
+    if (mean is None) != (deviation is None) or (deviation or 1.0) <= 0.0:
+        raise StudyError(f"parameter {name}: mean and deviation go together, the latter a number above 0")
+    values: tuple = (mean,)
     if "values" in entry:
         values = tuple(entry["values"]) if isinstance(entry["values"], list) else ()
         if not values or not all(isinstance(value, (int, float, str, bool)) for value in values):
             raise StudyError(f"parameter {name}: values = [...] expected, numbers or words")
-    else:
+    elif mean is None:
         values = _range(name, entry, log)
     if not targets and not all(type(value) in (int, float) for value in values):
         raise StudyError(f"parameter {name}: numbers expected; words go to variables that `set` names")
     ends = (min(values), max(values)) if "from" in entry else None
     if ends and ends[0] == ends[1]:
         ends = None
-    start, spread = (_number(name, entry, word) for word in ("start", "spread"))
     if start is not None and not (ends and ends[0] <= start <= ends[1]):
         raise StudyError(f"parameter {name}: start = {start:g}: a value between from and to expected")
     if spread is not None and spread <= 0.0:
         raise StudyError(f"parameter {name}: spread = {spread:g}: a number above 0 expected")
-    return Parameter(name, targets, values, log, unit, ends, start, spread)
+    return Parameter(name, targets, values, log, unit, ends, start, spread, deviation=deviation or 0.0)
 
 
 def _number(name: str, entry: dict, word: str) -> float | None:
@@ -319,16 +331,33 @@ def _range(name: str, entry: dict, log: bool) -> tuple:
     return tuple(float(value) for value in values)
 
 
-def _scalar(entry: dict) -> Scalar:
-    """Return one [[result]]."""
-    _known(entry, ("name", "measure", "column", "file", "at", "band", "from", "to", "key", "unit", "mode"), "[[result]]")
+PARAMETER_WORDS = ("name", "set", "values", "from", "to", "points", "spacing", "unit", "catalogue", "start", "spread", "mean")
+PARAMETER_WORDS += ("deviation",)
+RESULT_WORDS = ("name", "measure", "column", "file", "at", "target", "band", "within", "from", "to", "period", "periods", "order")
+RESULT_WORDS += ("reference", "strength", "cycles", "slope", "ultimate", "data", "data_column", "error", "key", "unit", "mode")
+
+
+def _scalar(entry: dict, folder: Path) -> Scalar:
+    """Return one [[result]]; folder: of the study."""
+    _known(entry, RESULT_WORDS, "[[result]]")
     if "unit" in entry and (entry.get("measure") != "summary" or not isinstance(entry["unit"], str)):
         raise StudyError(f"[[result]] {entry.get('name', '')}: unit = '...' belongs to measure = 'summary', others have their own")
     options = {{"from": "start", "to": "end", "unit": "stated_unit"}.get(key, key): value for key, value in entry.items()}
     try:
+        if "data" in options:
+            options["measured"] = _measured(folder / options.pop("data"), options.pop("data_column", options.get("column", "")))
         return Scalar(**options)
     except (TypeError, ValueError) as fault:
         raise StudyError(f"[[result]] {entry.get('name', '')}: {fault}") from None
+
+
+def _measured(path: Path, column: str) -> tuple[tuple[float, ...], ...]:
+    """Return times and values of a measured table, of a response frequencies, real and imaginary parts; StudyError."""
+    table = read_table(path)
+    if column in table or f"{column}.amplitude" not in table:
+        return tuple(table.time.tolist()), tuple(table[column].tolist())
+    response = table[f"{column}.amplitude"] * np.exp(1j * table[f"{column}.phase"])
+    return tuple(table.time.tolist()), tuple(response.real.tolist()), tuple(response.imag.tolist())
 
 
 def _points(content: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
@@ -345,23 +374,34 @@ def _points(content: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...
             raise StudyError("design = 'zip': all parameters need as many values as the first")
         rows = zip(*(parameter.values for parameter in parameters))
     else:
-        rows = _hypercube(content, parameters)
+        rows = _sample(content, parameters, design)
     return tuple(dict(zip((parameter.name for parameter in parameters), row)) for row in rows)
 
 
-def _hypercube(content: dict, parameters: tuple[Parameter, ...]) -> list[tuple]:
-    """Return the rows of a Latin hypercube between the smallest and the largest value of each parameter."""
+def _sample(content: dict, parameters: tuple[Parameter, ...], design: str) -> list[tuple]:
+    """Return the rows of a Latin hypercube between the smallest and the largest value of each parameter, or random ones.
+
+    Random are a normal distribution of what has a deviation, an even one between from and to, and one of the values of a list.
+    """
     samples, seed = content.get("samples"), content.get("seed", 0)
     if not isinstance(samples, int) or samples < 1 or not isinstance(seed, int) or seed < 0:
-        raise StudyError("design = 'latin_hypercube': samples = a whole number expected, seed too where given")
+        raise StudyError(f"design = {design!r}: samples = a whole number expected, seed too where given")
     if samples > MOST_RUNS:
-        raise StudyError(f"design = 'latin_hypercube': samples = {samples}: at most {MOST_RUNS} runs expected")
-    if not all(isinstance(value, (int, float)) for parameter in parameters for value in parameter.values):
-        raise StudyError("design = 'latin_hypercube': parameters have to be numbers")
+        raise StudyError(f"design = {design!r}: samples = {samples}: at most {MOST_RUNS} runs expected")
+    random = design == "random"
+    if not all(isinstance(value, (int, float)) or (random and not one.ends) for one in parameters for value in one.values):
+        raise StudyError(f"design = {design!r}: parameters have to be numbers")
     generator = np.random.default_rng(seed)
     columns = []
     for parameter in parameters:
-        part = (generator.permutation(samples) + generator.random(samples)) / samples  # one value in each of as many strata
+        if random and not parameter.ends:
+            drawn = generator.integers(len(parameter.values), size=samples)
+            steps = parameter.deviation * generator.standard_normal(samples)
+            columns.append([parameter.values[k] + float(step) if parameter.deviation else parameter.values[k]
+                            for k, step in zip(drawn, steps)])  # fmt: skip
+            continue
+        strata = 0.0 if random else generator.permutation(samples)  # of a hypercube: one value in each of as many
+        part = (strata + generator.random(samples)) / (1 if random else samples)
         low, high = min(parameter.values), max(parameter.values)
         if parameter.log and low * high <= 0.0:
             raise StudyError(f"parameter {parameter.name}: positive numbers expected for spacing = 'log'")

@@ -14,9 +14,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from . import command, histories
 from .deck import Deck
 from .deck import read as read_deck
+from .quantiles import Quantile, Share, quantiles_of, share_of
 from .result_files import HistoryError, remove_noted
 from .study_runs import StudyRuns
 from .sweep_scalars import Scalar, vibrations
@@ -176,6 +179,20 @@ class Sweep:
     warnings: list[str] = field(default_factory=list)
 
     @property
+    def quantiles(self) -> list[Quantile]:
+        """Those of the results, where the design is random; of the runs that did not fail."""
+        own, good = len(self.study.parameters), [row for row in self.rows if not row[-1]]
+        columns = [(one, np.array([row[own + k] for row in good])) for k, one in enumerate(self.study.scalars)]
+        levels = self.study.quantiles
+        return [one for scalar, values in columns for one in quantiles_of(scalar.name, values[np.isfinite(values)], levels)]
+
+    def shares(self, where: tuple[str, ...] = ()) -> list[Share]:
+        """Return which share of random designs meets each condition, those of the study first; a run that failed meets none."""
+        conditions = [*self.study.where, *where] if self.study.quantiles else []
+        good = [choose(self.study, self.rows, f"min {self.study.scalars[0].name}", [one])[1] for one in conditions]
+        return [share_of(one, count, len(self.rows)) for one, count in zip(conditions, good)]
+
+    @property
     def failed(self) -> list[list]:
         """The runs that failed, their reasons last."""
         return [row for row in self.rows if row[-1]]
@@ -211,7 +228,21 @@ def sweep(options: StudyOptions) -> Sweep:
     remove_noted(folder)
     result = Sweep(study, folder, *table(study, entries), runs.journal.warnings)
     write_table(folder / "table.csv", result.header, result.rows)
+    if study.quantiles:
+        head = ["result", "quantile", "value", "from", "to"]
+        write_table(folder / "quantiles.csv", head, [list(vars(one).values()) for one in result.quantiles])
     return result
+
+
+def lines_of(result: Sweep, where: tuple[str, ...]) -> list[str]:
+    """Return the quantiles of a random design and the shares that meet conditions, in words."""
+    units = [word.partition("[")[2].rstrip("]") for word in result.header[len(result.study.parameters) : -1]]
+    unit_of = dict(zip((one.name for one in result.study.scalars), units))
+    lines = ["quantiles, with their 95 % intervals:"] if result.quantiles else []
+    for one in result.quantiles:
+        ends = f"({one.low:.4g} to {one.high:.4g})".replace("inf", "?")
+        lines.append(f"  {one.name}, {100.0 * one.level:g} %: {one.value:.5g} {ends} {unit_of[one.name]}".rstrip())
+    return lines + [f"  {share}" for share in result.shares(where)]
 
 
 def work(args: argparse.Namespace) -> int:
@@ -224,11 +255,17 @@ def work(args: argparse.Namespace) -> int:
     print(f"{len(rows)} runs, {len(result.failed)} failed; table in {result.folder / 'table.csv'}")
     for row in result.failed[:3]:
         print(f"  failed: {', '.join(f'{p.name} = {v}' for p, v in zip(study.parameters, row))}: {row[-1]}")
+    for line in lines_of(result, options.where):
+        print(line)
     if not args.no_pictures and len(result.failed) < len(rows):
         from . import sweep_picture
 
-        chosen, _, limits = choose(study, rows, goal, conditions) if goal else (None, 0, [])
-        for path in sweep_picture.draw(study, result.header, rows, result.folder, chosen, limits):
+        chosen, _, limits = choose(study, rows, goal or f"min {study.scalars[0].name}", conditions)
+        chosen = chosen if goal else None
+        paths = sweep_picture.draw(study, result.header, rows, result.folder, chosen, limits)
+        if study.quantiles:
+            paths.append(sweep_picture.draw_distributions(study, result.header, rows, result.quantiles, limits, result.folder))
+        for path in paths:
             print(f"picture: {path}")
     if goal:
         print(best(study, rows, goal, conditions))

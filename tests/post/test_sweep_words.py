@@ -28,8 +28,8 @@ def points(folder: Path, text: str) -> list[tuple]:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("", "parameter h: one of values, from (with to and points) or catalogue expected"),
-        ("values = [1.0]\nfrom = 1.0", "parameter h: one of values, from (with to and points) or catalogue expected"),
+        ("", "parameter h: one of values, from, mean or catalogue expected"),
+        ("values = [1.0]\nfrom = 1.0", "parameter h: one of values, from, mean or catalogue expected"),
         ("values = 1.0", "parameter h: values = [...] expected, numbers or words"),
         ("values = []", "parameter h: values = [...] expected, numbers or words"),
         ("values = [[1.0]]", "parameter h: values = [...] expected, numbers or words"),
@@ -66,7 +66,7 @@ MANY = PARAMETER + f"values = {[1.0] * 2000}\n"
         (f"deck = 'a.nml'\nparameter = 3\n{RESULT}", "parameter: tables [[parameter]] expected"),
         (f"deck = 'a.nml'\nparameter = ['h']\n{RESULT}", "parameter: tables [[parameter]] expected"),
         (f"deck = 'a.nml'\n{VALUES}[result]\nname = 'peak'\n", "result: tables [[result]] expected"),
-        (f"deck = 'a.nml'\ndesign = 'star'\n{VALUES}{RESULT}", "design = 'star': one of grid, zip, latin_hypercube expected"),
+        (f"deck = 'a.nml'\ndesign = 'star'\n{VALUES}{RESULT}", "design = 'star': one of grid, zip, latin_hypercube, random"),
         (f"deck = 'a.nml'\ndesign = 'latin_hypercube'\n{VALUES}{RESULT}", "samples = a whole number expected"),
         (f"deck = 'a.nml'\ndesign = 'latin_hypercube'\nsamples = 2\nseed = -1\n{VALUES}{RESULT}", "seed too where given"),
         (

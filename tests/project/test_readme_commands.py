@@ -32,6 +32,8 @@ def clone(biela, tmp_path, monkeypatch):
     shutil.copytree(ROOT / "input", tmp_path / "input")
     catalogue = tmp_path / "input" / "studies" / "tubes.csv"  # a search row by row: three of its rows, for the test's time
     catalogue.write_text("".join(catalogue.read_text().splitlines(keepends=True)[i] for i in (0, 3, 6, 9)))
+    rods = tmp_path / "input" / "studies" / "rod_tolerances.toml"
+    rods.write_text(rods.read_text().replace("samples = 200", "samples = 20"))
     (tmp_path / "post").symlink_to(ROOT / "post")
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin" / "biela").symlink_to(biela)
