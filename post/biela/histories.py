@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 HEADER = "# columns:"
 LARGE = 20_000_000  # bytes beyond which faster parsers read a table; their numbers are right to an ulp or two
 BLOCK = 2_000_000  # bytes of a table that are read at a time
+WHOLE = 1.0e-9  # of a turn, by which the end of a whole one may err
 COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
 
 
@@ -82,6 +83,32 @@ class History:
         if not rows.any():
             raise HistoryError(f"{self.path}: no row from {start:g} to {end:g}")
         return self if rows.all() else History(self.path, self.names, self.units, np.asfortranarray(self.data[rows]))
+
+    def turns(self, angle: str, first: int, last: int) -> History:
+        """Return the rows of whole turns, with their first and their last instant by a cubic spline.
+
+        Args:
+            angle: column of an angle that grows or falls throughout [rad]
+            first: number of a turn, 1 the first of the run, -1 its last whole one
+            last: number of a turn
+
+        Raises:
+            HistoryError: there are no such turns, or the angle goes back.
+        """
+        from scipy.interpolate import CubicSpline
+
+        turned = np.abs(self[angle] - self[angle][0]) / (2.0 * np.pi)
+        whole = int(turned[-1] + WHOLE)
+        begin, end = (number - 1 if number > 0 else whole + number for number in (first, last))
+        if np.any(np.diff(turned) <= 0.0):
+            raise HistoryError(f"{self.path}: {angle} does not turn one way throughout, as turns need")
+        if not 0 <= begin <= end < whole:
+            raise HistoryError(f"{self.path}: turns {first} to {last} of {angle}: it has {whole} whole ones")
+        ends = CubicSpline(turned, self.time)([begin, min(end + 1, turned[-1])])
+        inside = (turned > begin + WHOLE) & (turned < end + 1 - WHOLE)
+        edges = CubicSpline(self.time, self.data)(ends)
+        data = np.concatenate([edges[:1], self.data[inside], edges[1:]])
+        return History(self.path, self.names, self.units, np.asfortranarray(data))
 
     def label(self, name: str) -> str:
         """Return the name with its unit in brackets, as axes show it."""

@@ -116,7 +116,7 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
         runs: histories of one kind, which all have the columns
         labels: what the legend calls the runs
         names: columns
-        against: the column of the horizontal axis (the first one, time)
+        against: the column of the horizontal axis (the first one, time); what has its unit is drawn to the same scale
         title: written above, where given
 
     Raises:
@@ -124,12 +124,12 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
     """
     abscissa = against or runs[0].names[0]
     groups = panels(runs, names)
-    path = against is not None and unit_of(runs, abscissa) == "m"
+    path = unit_of(runs, abscissa) if against is not None else ""
     columns = 1 if len(groups) <= ONE_COLUMN else 2
     lines = -(-len(groups) // columns)
     with plt.rc_context(LOOK):
         size = (8.0 if columns == 1 else 12.0, 0.8 + 2.2 * lines)
-        if path and len(groups) == 1 and unit_of(runs, groups[0][0]) == "m":
+        if path and len(groups) == 1 and unit_of(runs, groups[0][0]) == path:
             size = _to_scale(runs, groups[0], abscissa)
         figure = plt.figure(figsize=size, layout="constrained")
         axes = stacked(figure, len(groups), columns)
@@ -138,8 +138,9 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
             plain_numbers(axis)
             _panel(axis, runs, labels, group, abscissa)
             _log_scales(axis, runs, group, abscissa)
-            if path and unit_of(runs, group[0]) == "m":
+            if path and unit_of(runs, group[0]) == path:
                 axis.set_aspect("equal", adjustable="datalim")
+                axis.locator_params(nbins=6)
         if len(runs) > 1:
             looks = [{"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]} for k in range(len(runs))]
             handles = [plt.Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
@@ -359,6 +360,12 @@ def names_of(sources: list[Path]) -> list[str]:
 def plot(args: argparse.Namespace) -> int:
     """Draw as the command line asks and say which files were written; raises HistoryError."""
     runs = [read(source, args.file) for source in args.runs]
+    if args.turns:
+        try:
+            first, last = map(int, args.turns[1:])
+        except ValueError:
+            raise HistoryError(f"--turns {' '.join(args.turns)}: ANGLE and two whole numbers expected") from None
+        runs = [run.turns(args.turns[0], first, last) for run in runs]
     if args.labels and len(args.labels) != len(runs):
         raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
     names, idle = chosen_columns(runs, args.columns, args.against)

@@ -127,13 +127,16 @@ def plot(p: Parser) -> None:
 
     Columns of one unit share a panel; one that would be a flat line beside its neighbours gets a panel of its own. Columns that
     are zero throughout, or rounding beside others of their unit, are left out, unless they are named. Several runs lie over each
-    other in one picture: the first blue, the second red (elastic, viscoelastic). Lengths against lengths (a path) are to scale.
+    other in one picture: the first blue, the second red (elastic, viscoelastic). Lengths against lengths (a path), forces against
+    forces (a bearing's polar diagram) are to one scale.
 
     Example: post/plot.py results/slider_crank_elastic results/slider_crank_viscoelastic --columns 'qf4.*'
     """
     p.add("runs", nargs="+", type=Path, metavar="RUN", help="results folder, results file or .csv")
     p.add("--columns", nargs="+", metavar="NAME", help="columns, wildcards allowed, e.g. 'qf4.*' (all)")
     p.add("--against", metavar="NAME", help="column of the horizontal axis (the first: time, load, frequency)")
+    turns = "rows of whole turns of a column [rad]: 1 is the first turn, -1 the last"
+    p.add("--turns", nargs=3, metavar=("ANGLE", "FIRST", "LAST"), help=turns)
     p.add("--file", choices=sorted(RESULT_FILES), default="history", help="which file of results folders (history)")
     p.add("--events", action="store_true", help="mark the events of the runs, e.g. when stops touch, by lines")
     p.add("--labels", nargs="+", metavar="TEXT", help="names of the runs in the legend (those of their folders)")
@@ -185,7 +188,10 @@ def spectrum(p: Parser) -> None:
         spectrum.py results/four_bar --columns tip.v --waterfall        against time
         spectrum.py results/run_up --columns tip.v --waterfall --speed crank.v      against the speed of a drive
         spectrum.py results/run_up --columns tip.v --orders crank       in orders of the rotation of column crank [rad]
+        spectrum.py results/engine --columns 'main.f?' --orders crank --turns -1 -1    orders of the last whole turn, exact
+        spectrum.py results/engine --columns 'main.f?' --reference 1e-6 levels in dB, 20 lg(rms/reference)
         spectrum.py results/ring_down --columns tip.v --decay           envelope, logarithmic decrement, damping ratio
+        spectrum.py results/engine --columns shank.s --life 120e6 2e6 5 rainflow cycles and damage
 
     Rows at uneven times are interpolated to as many even ones. Mean and trend are removed first. Peaks are marked
     and named, each with how surely it is known; two lines need some 4 periods of their difference in the run to be told apart.
@@ -197,7 +203,13 @@ def spectrum(p: Parser) -> None:
     kind.add_argument("--waterfall", action="store_true", help="amplitudes against time or --speed (one column)")
     kind.add_argument("--orders", metavar="ANGLE", help="column of a drive's angle [rad]: orders of its rotation")
     kind.add_argument("--decay", action="store_true", help="envelope, logarithmic decrement, damping ratio")
+    kind.add_argument("--rainflow", action="store_true", help="cycles by their ranges (ASTM E1049)")
+    life = "with cycles and damage: S is the amplitude borne N times, others by Basquin's line of exponent K"
+    kind.add_argument("--life", nargs=3, type=positive, metavar=("S", "N", "K"), help=life)
     p.add("--speed", metavar="COLUMN", help="with --waterfall: column of the drive's speed")
+    turns = "with --orders: whole turns, 1 the first, -1 the last; no window, no trend removed"
+    p.add("--turns", nargs=2, type=int, metavar=("FIRST", "LAST"), help=turns)
+    p.add("--reference", type=positive, default=0.0, metavar="X", help="levels in dB against X [unit of the columns]")
     p.add("--peaks", type=int, default=5, metavar="N", help="peaks that are named (%(default)s)")
     p.add("--output", type=Path, metavar="FILE", help="the picture: .png, .pdf, .svg (spectrum.png beside the run)")
 

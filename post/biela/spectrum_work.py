@@ -12,7 +12,7 @@ import numpy as np
 from scipy import signal
 from scipy.interpolate import make_interp_spline, pchip_interpolate
 
-from . import labels
+from . import fatigue, labels
 from .histories import History, read
 from .picture_files import save
 from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
@@ -27,6 +27,7 @@ LEAST_PERIODS = 2  # periods in the run that a peak needs: below, within the win
 RESOLVED = 1.0 - 0.5**0.5  # share of its height by which a peak rises above the valley to a higher one: 3 dB; else a shoulder
 VISIBLE = 1.0e-3  # share of the largest amplitude below which a frequency does not extend the axis
 SMALL = 0.05  # share of the largest peak below which amplitudes are drawn logarithmically
+LEAST_ORDER = 1.0e-4  # share of the largest amplitude below which an order is not named
 EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
 
 
@@ -114,7 +115,7 @@ def last_visible(size: np.ndarray) -> int:
 
 @dataclass(frozen=True)
 class Line:
-    """A line of a spectrum: its column, frequency or order with the error of it, and amplitude in the column's unit."""
+    """A line of a spectrum: its column, frequency or order with the error of it (0: exact), and amplitude in the column's unit."""
 
     column: str
     frequency: float
@@ -131,8 +132,9 @@ class Spectrum:
         unit: of it: 'Hz' or 'per turn'
         units: of each column
         amplitudes: frequencies and amplitudes (Hann window, trend removed) of each column
-        densities: frequencies and power spectral density (Welch) of each column
+        densities: frequencies and power spectral density (Welch) of each column; none of whole turns
         lines: of all columns
+        reference: of levels in dB [unit of the columns]; 0: amplitudes
     """
 
     abscissa: str
@@ -141,11 +143,22 @@ class Spectrum:
     amplitudes: dict[str, tuple[np.ndarray, np.ndarray]]
     densities: dict[str, tuple[np.ndarray, np.ndarray]]
     lines: list[Line]
+    reference: float = 0.0
+
+    def place(self, line: Line, digits: int = 5) -> str:
+        """Return where a line stands, with its error."""
+        return f"{line.frequency:.{digits}g}" + (f" ± {line.error:.2g}" if line.error else "")
 
     def words(self, line: Line) -> str:
         """Return a line in words."""
         of = pretty_unit(self.units[line.column])
-        return f"{line.column}: {line.frequency:.5g} ± {line.error:.2g} {self.unit}, amplitude {line.amplitude:.4g} {of}".rstrip()
+        level = f", {self.level(line.amplitude):.1f} dB re {self.reference:g} {of}" if self.reference else ""
+        return f"{line.column}: {self.place(line)} {self.unit}, amplitude {line.amplitude:.4g} {of}".rstrip() + level
+
+    def level(self, amplitudes: np.ndarray | float) -> np.ndarray | float:
+        """Return the levels of the rms values of amplitudes [dB], without a reference the amplitudes."""
+        size = np.maximum(amplitudes, 1.0e-300)
+        return 20.0 * np.log10(size / np.sqrt(2.0) / self.reference) if self.reference else amplitudes
 
     def picture(self) -> plt.Figure:
         """Draw amplitude and density of every column."""
@@ -162,7 +175,22 @@ class Spectrum:
         return self.to_dataframe().to_html()
 
 
-def spectrum(run: History, columns: list[str], orders: str | None = None, most: int = 5) -> Spectrum:
+def whole_turns(turned: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return orders and their amplitudes over whole turns, from the first row to the last: no window, no trend removed."""
+    along = np.abs(turned - turned[0])
+    even = along[-1] * np.arange(values.size) / values.size
+    size = 2.0 * np.abs(np.fft.rfft(make_interp_spline(along, values, k=3)(even))) / values.size
+    return np.arange(size.size) / along[-1], size
+
+
+def spectrum(
+    run: History,
+    columns: list[str],
+    orders: str | None = None,
+    most: int = 5,
+    turns: tuple[int, int] | None = None,
+    reference: float = 0.0,
+) -> Spectrum:
     """Take the spectra of columns.
 
     Args:
@@ -170,17 +198,29 @@ def spectrum(run: History, columns: list[str], orders: str | None = None, most: 
         columns: names, wildcards allowed
         orders: column of a drive's angle, of whose rotation orders are taken [rad]
         most: lines of a column
+        turns: first and last whole turn of that drive that count, 1 the first, -1 the last; orders are exact then
+        reference: of levels in dB [unit of the columns]
 
     Raises:
         HistoryError: there is no such column, too few rows, or the drive does not turn one way.
     """
+    if turns and not orders:
+        raise HistoryError("turns are those of the drive whose orders are taken: orders = 'COLUMN' expected")
+    run = run.turns(orders, *turns) if turns else run
     axis_values, abscissa, unit = run.time, "frequency", "Hz"
     if orders:
         axis_values, abscissa, unit = run[orders] / (2.0 * np.pi), f"order of {orders}", "per turn"
-        if np.any(np.diff(axis_values) <= 0.0):
+        if np.any(np.diff(axis_values) <= 0.0) and not turns:
             raise HistoryError(f"{run.path}: {orders} does not increase throughout: orders need a drive that turns one way")
-    found = Spectrum(abscissa, unit, {}, {}, {}, [])
+    found = Spectrum(abscissa, unit, {}, {}, {}, [], reference)
     for name in run.match(columns):
+        if turns:
+            found.units[name] = run.units[name]
+            order, size = found.amplitudes[name] = whole_turns(axis_values, run[name])
+            largest = np.argsort(-size[1:], kind="stable")[:most] + 1
+            seen = sorted(k for k in largest if size[k] > LEAST_ORDER * size.max())
+            found.lines.extend(Line(name, float(order[k]), 0.0, float(size[k])) for k in seen)
+            continue
         axis, values = even_samples(axis_values, run[name])
         frequency, size = amplitudes(axis, values)
         found.units[name], found.amplitudes[name], found.densities[name] = run.units[name], (frequency, size), density(axis, values)
@@ -191,42 +231,56 @@ def spectrum(run: History, columns: list[str], orders: str | None = None, most: 
 
 
 def draw_spectrum(found: Spectrum) -> plt.Figure:
-    """Return a figure of amplitude and density of every column, with its lines."""
+    """Return a figure of amplitude, or level, and density of every column, with its lines and their errors."""
     names, unit = list(found.units), found.unit
+    across = 2 if found.densities else 1
     with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(len(names), 2, figsize=(11.0, 0.8 + 2.6 * len(names)), squeeze=False, layout="constrained")
+        size = (11.0 if across > 1 else 8.0, 0.8 + 2.6 * len(names))
+        figure, axes = plt.subplots(len(names), across, figsize=size, squeeze=False, layout="constrained")
         for line, name in zip(axes, names):
+            of, mine = found.units[name], [one for one in found.lines if one.column == name]
             frequency, size = found.amplitudes[name]
-            of = found.units[name]
-            line[0].plot(frequency[1:], size[1:], color=COLOURS[0])
-            line[0].set_ylim(0.0, 1.2 * size[1:].max() or 1.0)
-            tops = [one.amplitude for one in found.lines if one.column == name]
-            if len(tops) > 1 and min(tops) < SMALL * max(tops):
+            tops = [one.amplitude for one in mine]
+            if found.densities:
+                line[0].plot(frequency[1:], found.level(size[1:]), color=COLOURS[0])
+            else:
+                foot = found.level(LEAST_ORDER * size[1:].max()) if found.reference else 0.0
+                shown = size[1:] > LEAST_ORDER * size[1:].max()
+                line[0].vlines(frequency[1:][shown], foot, found.level(size[1:][shown]), color=COLOURS[0])
+            if found.reference:
+                line[0].set_ylim(found.level(1.0e-4 * size[1:].max()), found.level(2.0 * size[1:].max()))
+            elif len(tops) > 1 and min(tops) < SMALL * max(tops) and found.densities:
                 line[0].set_yscale("log")
                 line[0].set_ylim(0.2 * min(tops), 3.0 * max(tops))
-            for one in found.lines:
-                if one.column == name:
-                    line[0].plot(one.frequency, one.amplitude, "o", color=COLOURS[1], markersize=3)
-            line[0].set_ylabel(axis_label(name, of))
-            line[0].set_title("amplitude", fontsize=9)
+            else:
+                line[0].set_ylim(0.0, 1.2 * size[1:].max() or 1.0)
+            for one in mine:
+                line[0].errorbar(one.frequency, found.level(one.amplitude), xerr=one.error, fmt="o", color=COLOURS[1], ms=3)
+            line[0].set_ylabel(f"{name} [dB re {found.reference:g} {pretty_unit(of)}]" if found.reference else axis_label(name, of))
+            line[0].set_title("level of the rms value" if found.reference else "amplitude", fontsize=9)
             line[0].set_xlim(0.0, frequency[last_visible(size)])
-            band, power = found.densities[name]
-            line[1].semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
-            squared = f"{of}²" if of.isalpha() else f"({pretty_unit(of)})²" if of else "1"
-            line[1].set_ylabel(f"[{squared}/{unit.replace('per turn', 'order')}]")
-            line[1].set_title("power spectral density (Welch)", fontsize=9)
-            line[1].set_xlim(line[0].get_xlim())
-            seen = power[1:][band[1:] <= line[0].get_xlim()[1]]
-            if seen.size and seen.max() > 0.0:
-                line[1].set_ylim(0.5 * max(seen.min(), seen.max() * 1.0e-12), 3.0 * seen.max())
-        for axis in axes[-1]:
-            axis.set_xlabel(f"{found.abscissa} [{unit}]")
-        for axis in axes[:, 0]:
-            tops = [line.get_xydata()[0] for line in axis.lines[1:]]
-            labels.write(
-                axis, [labels.Label(top, f"{top[0]:.0f}" if top[0] >= 1.0e3 else f"{top[0]:.4g}", "black") for top in tops]
-            )
+            line[0].set_xlabel(f"{found.abscissa} [{unit}]")
+            if found.densities:
+                _draw_density(line[1], *found.densities[name], found, name, line[0].get_xlim())
+        for axis, name in zip(axes[:, 0], names):
+            mine = [one for one in found.lines if one.column == name]
+            tops = [np.array([one.frequency, found.level(one.amplitude)]) for one in mine]
+            labels.write(axis, [labels.Label(top, found.place(one, 4), "black") for top, one in zip(tops, mine)])
     return figure
+
+
+def _draw_density(axis: plt.Axes, band: np.ndarray, power: np.ndarray, found: Spectrum, name: str, limits: tuple) -> None:
+    """Draw the power spectral density of a column."""
+    of, unit = found.units[name], found.unit
+    axis.semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
+    squared = f"{of}²" if of.isalpha() else f"({pretty_unit(of)})²" if of else "1"
+    axis.set_ylabel(f"{name} [{squared}/{unit.replace('per turn', 'order')}]")
+    axis.set_title("power spectral density (Welch)", fontsize=9)
+    axis.set_xlabel(f"{found.abscissa} [{unit}]")
+    axis.set_xlim(limits)
+    seen = power[1:][band[1:] <= limits[1]]
+    if seen.size and seen.max() > 0.0:
+        axis.set_ylim(0.5 * max(seen.min(), seen.max() * 1.0e-12), 3.0 * seen.max())
 
 
 def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
@@ -293,10 +347,13 @@ def work(args: argparse.Namespace) -> int:
         if len(names) > 1:
             raise HistoryError(f"--waterfall draws one column, {len(names)} are chosen")
         figure = draw_waterfall(run, names[0], args.speed)
+    elif args.rainflow or args.life:
+        figure, words = fatigue.picture(run, names, args.life and tuple(args.life))
+        print("\n".join(words))
     elif args.decay:
         figure = draw_decay(run, names)
     else:
-        found = spectrum(run, names, args.orders, args.peaks)
+        found = spectrum(run, names, args.orders, args.peaks, args.turns and tuple(args.turns), args.reference)
         for line in found.lines:
             print(found.words(line))
         figure = found.picture()

@@ -73,6 +73,26 @@ def test_orders_follow_a_drive_that_runs_up(run, capsys):
     assert float(words[words.index("amplitude") + 1]) == pytest.approx(0.3, rel=0.03)
 
 
+@pytest.mark.parametrize(("first", "last"), [("2", "9"), ("5", "5"), ("-1", "-1")])
+def test_orders_of_whole_turns_are_exact_and_have_levels(run, capsys, first, last):
+    """The third order of a drive that runs up by 51 turns, 0.3 m: over one turn no other has more than interpolation leaves."""
+    words = [str(run), "--columns", "chirp", "--orders", "crank", "--turns", first, last, "--reference", "1e-6"]
+    assert spectrum_command.main(words) == 0
+    line, wrote = capsys.readouterr().out.splitlines()
+    assert line == f"chirp: 3 per turn, amplitude 0.3 m, {20.0 * np.log10(0.3 / np.sqrt(2.0) / 1e-6):.1f} dB re 1e-06 m"
+    assert wrote == f"wrote {run}/spectrum.png"
+    turns = read(run).turns("crank", int(first), int(last))
+    assert np.ptp(turns["crank"]) / 2.0 / np.pi == pytest.approx(int(last) - int(first) + 1, abs=1.0e-9)
+
+
+def test_cycles_and_damage_of_a_history(run, capsys):
+    """49 whole cycles of 0.7 m and two halves at the ends; the strength is borne twice, so that each cycle takes half a life."""
+    assert spectrum_command.main([str(run), "--columns", "tone", "--life", "0.7", "2", "3"]) == 0
+    told = capsys.readouterr().out.split("\n")[0]
+    damage = (49.5 + 1.0 * 0.5**3) / 2.0
+    assert told == f"tone: 50.5 cycles, largest range 1.4 m, damage {damage:.3g}: {1.0 / damage:.3g} such histories"
+
+
 def test_a_waterfall_follows_the_frequency(run):
     history = read(run)
     frequency, times, size = spectrum.waterfall(history.time, history["chirp"])
