@@ -29,7 +29,7 @@ module scene_run
   !> What analyses share.
   type :: run_state
     type(deck) :: d
-    type(mechanism_system), allocatable :: sys
+    class(mechanism_system), allocatable :: sys   !! of a class: where a type is copied, its whole copy is compiled
     type(sensor_list) :: list
     type(assembly_report) :: assembly
     type(validity_watch) :: watch             !! figures of the run so far

@@ -30,7 +30,7 @@ contains
     type(transient_march), intent(inout) :: march
     type(summary_record), intent(inout) :: text
     type(failure), intent(inout) :: fail
-    type(mechanism_system), allocatable :: start_system
+    class(mechanism_system), allocatable :: start_system
     type(transient_march) :: next
     real(wp), allocatable :: start_state(:)   ! [m, rad], [m/s, rad/s], [J]
     type(summary_record) :: so_far

@@ -26,7 +26,7 @@ module error_check
   type, public :: error_watch
     logical :: active = .false.
     logical :: stored = .false.               !! the other run is a pass before this one
-    type(mechanism_system), allocatable :: sys
+    class(mechanism_system), allocatable :: sys
     class(stepper), allocatable :: method
     type(balance_watch) :: balance
     real(wp), allocatable :: y(:)             !! (ny) state at its last row [m, rad], [m/s, rad/s], [J]
@@ -58,7 +58,7 @@ contains
   !> A second run from the state in which the first one starts.
   subroutine begin(self, sys, r, fastest, stable, y, columns)
     class(error_watch), intent(inout) :: self
-    type(mechanism_system), intent(in) :: sys
+    class(mechanism_system), intent(in) :: sys
     type(transient_record), intent(in) :: r
     real(wp), intent(in) :: fastest           !! largest frequency of the scene, where it is known [rad/s]
     real(wp), intent(in) :: stable            !! safe bound of the step of an explicit method [s]
