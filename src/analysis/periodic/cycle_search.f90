@@ -303,7 +303,7 @@ contains
   subroutine first_direction(self, x)
     class(cycle_state), intent(in) :: self
     real(wp), intent(out) :: x(:)                    !! [-]
-    type(mechanism_system), allocatable :: system
+    class(mechanism_system), allocatable :: system
     real(wp), allocatable :: y(:)
     integer :: k, seed
     logical :: ok

@@ -21,7 +21,7 @@ module turn_map
 
   !> The map.
   type, public :: period_map
-    type(mechanism_system), allocatable :: system    !! before any turn
+    class(mechanism_system), allocatable :: system    !! before any turn
     type(transient_record) :: r                      !! method and steps
     integer, allocatable :: compared(:)              !! numbers of the unknowns that repeat
     logical, allocatable :: turning(:)               !! (compared) angles of frames: they repeat up to whole turns
@@ -76,7 +76,7 @@ contains
     integer, intent(in) :: held(:)                   !! (elements that switch, or none) states whose rows hold at the start
     type(turn_result), intent(inout) :: turn         !! on entry its number of steps, after the first
     integer, intent(out) :: signal                   !! that came; 0: none
-    type(mechanism_system), allocatable :: system
+    class(mechanism_system), allocatable :: system
     class(stepper), allocatable :: method
     type(transient_record) :: r
     real(wp), dimension(size(x)) :: y, low, high     ! [m, rad], [m/s, rad/s], [J]
