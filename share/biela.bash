@@ -19,14 +19,14 @@ check_mesh most_seconds output_step checkpoint_interval motion_step stabilizatio
   # end of keys
   case $before in
     --help|-h) COMPREPLY=($(compgen -W "$words" -- "$word")); return ;;
-    --output|-o) COMPREPLY=($(compgen -d -- "$word")); return ;;
+    --output|-o|--orbit) COMPREPLY=($(compgen -d -- "$word")); return ;;
     --set) compopt -o nospace 2>/dev/null   # the parameters of decks that stand on the line already
       COMPREPLY=($(compgen -S = -W "$(grep -his '^ *&parameter ' -- "${COMP_WORDS[@]:1}" |
         sed -n "s/.*name *= *['\"]\([A-Za-z][A-Za-z0-9_]*\)['\"].*/\1/p")" -- "$word")); return ;;
     --jobs|-j) COMPREPLY=($(compgen -W "1 2 4 8 16 $(nproc 2>/dev/null)" -- "$word")); return ;;
   esac
   if [[ $word == -* ]]; then
-    COMPREPLY=($(compgen -W "--check --flat --json --jobs --output --restart --set --quiet --version --help" -- "$word"))
+    COMPREPLY=($(compgen -W "--check --flat --json --jobs --orbit --output --restart --set --quiet --version --help" -- "$word"))
   else
     compopt -o filenames 2>/dev/null
     COMPREPLY=($(compgen -f -X '!*.nml' -- "$word") $(compgen -d -- "$word"))

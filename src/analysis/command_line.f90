@@ -13,8 +13,8 @@ module command_line
   private
   public :: command, parse_arguments, print_ending
 
-  character(10), parameter :: known(10) = [character(10) :: '--check', '--flat', '--jobs', '--json', '--output', '--restart', &
-                                           '--set', '--quiet', '--version', '--help']
+  character(10), parameter :: known(11) = [character(10) :: '--check', '--flat', '--jobs', '--json', '--orbit', '--output', &
+                                           '--restart', '--set', '--quiet', '--version', '--help']
 
   !> What the user asked for; decks is not allocated where there is nothing to run.
   type :: command
@@ -33,6 +33,7 @@ contains
     integer :: k, n, set
     status = status_ok
     asked%options%output = ''
+    asked%options%orbit = ''
     n = 0
     set = 0
     allocate (character(longest()) :: decks(command_argument_count()), settings(command_argument_count()))
@@ -61,6 +62,11 @@ contains
         word = argument(k)
         asked%options%output = word
         if (len(word) == 0 .or. index(word, '--') == 1) call complain('--output needs a folder', status)
+      case ('--orbit')
+        k = k + 1
+        word = argument(k)
+        asked%options%orbit = word
+        if (len(word) == 0 .or. index(word, '--') == 1) call complain('--orbit needs a folder', status)
       case ('--version')
         call print_words('biela', 'biela '//version//new_line('a'), status)
         return
@@ -213,6 +219,7 @@ contains
       '  biela --flat DECK.nml          print the deck as one text: parts in their places, numbers for expressions;'//lf// &
       '                                 with --json its groups and their values'//lf// &
       '  biela --output DIR DECK.nml    results in DIR/ instead (one deck); short -o'//lf// &
+      '  biela --orbit DIR DECK.nml     seek the cycle of &periodic from that of another run, whose results are in DIR/'//lf// &
       '  biela --restart DECK.nml       continue an interrupted transient from its last checkpoint'//lf// &
       '  biela --jobs N DECK.nml ...    N decks at a time, one line a deck; short -j'//lf// &
       '  biela --quiet ...              no progress, warnings and errors only'//lf// &

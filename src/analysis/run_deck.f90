@@ -47,6 +47,7 @@ module run_deck
     logical :: flat = .false.                 !! print the deck as one text without expressions
     character(:), allocatable :: settings(:)  !! NAME=VALUE of parameters
     character(:), allocatable :: output       !! folder, empty: results/<deck name>
+    character(:), allocatable :: orbit        !! folder of a cycle to start from, empty: none
   end type run_options
 
 contains
@@ -81,6 +82,9 @@ contains
     run%quiet = options%quiet
     run%restart = options%restart
     run%folder = options%output
+    run%orbit = options%orbit
+    if (len(run%orbit) > 0 .and. .not. run%d%periodic%present) call fail%raise(status_bad_input, &
+      '--orbit is the start of a cycle, expected it for a deck with &periodic')
     if (len(run%folder) == 0) run%folder = 'results/'//run%d%name
     if (run%restart .and. .not. fail%happened()) call read_restart(run, fail)
     if (.not. (options%check .or. fail%happened())) call choose_model(run, fail)

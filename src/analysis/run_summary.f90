@@ -31,6 +31,7 @@ contains
     call remove_file(run%folder//'/static.txt')
     call remove_file(run%folder//'/modes.txt')
     call remove_file(run%folder//'/floquet.txt')
+    call remove_file(run%folder//'/orbit.txt')
     call remove_file(run%folder//'/frequency_response.txt')
     call remove_results(run%folder, [character(5) :: '', unfinished])
     call remove_drawn(run%folder)

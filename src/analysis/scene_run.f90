@@ -37,6 +37,7 @@ module scene_run
     type(value_archive) :: saved              !! a restart's checkpoint
     real(wp), allocatable :: y(:)             !! present state at t = 0 (layout in `scene_model`) [m, rad], [m/s, rad/s], [J]
     character(:), allocatable :: folder       !! results folder
+    character(:), allocatable :: orbit        !! results folder of a cycle from which that of the deck is sought; empty: none
     type(summary_record) :: opening           !! first part of the summary: the model, its stable steps
     real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
     real(wp) :: stable_steps(size(method_names)) = huge(1.0_wp)   !! of each explicit method, also with bent bodies [s]

@@ -16,6 +16,7 @@ module progress
   contains
     procedure :: begin
     procedure :: report
+    procedure :: tell
     procedure :: finish
   end type progress_line
 
@@ -39,19 +40,27 @@ contains
     real(wp), intent(in) :: t, t_end          !! simulated time reached and wanted [s]
     integer(ip) :: now
     real(wp) :: seconds, left
-    character(:), allocatable :: line
+    if (.not. self%shown) return
+    call system_clock(now)
+    seconds = real(now - self%start, wp)/real(self%rate, wp)
+    left = seconds*(t_end - t)/max(t, tiny(1.0_wp))
+    call self%tell(fixed_text(100*t/t_end, 1)//' %   t = '//es_text(t, 4)//' s   about '//to_text(nint(min(left, 9.9e6_wp)))// &
+                   ' s left   ')
+  end subroutine report
+
+  !> Shows words about a run, at most five times a second.
+  subroutine tell(self, words)
+    class(progress_line), intent(inout) :: self
+    character(*), intent(in) :: words
+    integer(ip) :: now
     logical :: written
     if (.not. self%shown) return
     call system_clock(now)
     if (real(now - self%last, wp) < 0.2_wp*real(self%rate, wp)) return
     self%last = now
-    seconds = real(now - self%start, wp)/real(self%rate, wp)
-    left = seconds*(t_end - t)/max(t, tiny(1.0_wp))
-    line = self%what//fixed_text(100*t/t_end, 1)//' %   t = '//es_text(t, 4)//' s   about '//to_text(nint(min(left, 9.9e6_wp)))// &
-           ' s left   '
-    self%width = max(self%width, len(line))
-    written = write_bytes(standard_error, char(13)//line)
-  end subroutine report
+    self%width = max(self%width, len(self%what) + len(words))
+    written = write_bytes(standard_error, char(13)//self%what//words)
+  end subroutine tell
 
   !> Clears the line.
   subroutine finish(self)

@@ -169,7 +169,7 @@ def mathieu_multipliers(a, q):
     return np.linalg.eigvals(end.reshape(2, 2).T)
 
 
-@pytest.mark.parametrize("a, q", [(0.3, 0.4), (1.0, 0.6), (-0.02, 0.3), (-0.2, 0.3), (2.6, 1.5)])
+@pytest.mark.parametrize(("a", "q"), [(0.3, 0.4), (1.0, 0.6), (-0.02, 0.3), (-0.2, 0.3), (2.6, 1.5)])
 def test_mathieu(run_deck, a, q):
     """Stable and unstable hanging and standing pendulums."""
     run = run_deck(MATHIEU, "--set", f"a={a}", "--set", f"q={q}")
@@ -182,7 +182,7 @@ def test_mathieu(run_deck, a, q):
 CURVES = [(mathieu_a, 1, -1), (mathieu_b, 1, -1), (mathieu_a, 2, 1), (mathieu_a, 0, 1)]
 
 
-@pytest.mark.parametrize("curve, order, half_trace", CURVES)
+@pytest.mark.parametrize(("curve", "order", "half_trace"), CURVES)
 def test_characteristic_curves(run_deck, curve, order, half_trace):
     """On the characteristic curves of Abramowitz & Stegun (20.2) the half trace is 1 or -1, where stability changes."""
     q = 0.5
@@ -325,7 +325,7 @@ def arm_poles(probe, tmp_path_factory):
     return np.linalg.eigvals(arm.slopes())
 
 
-@pytest.mark.parametrize("method, steps", [("rk4", 4000), ("dopri5", 1000), ("radau", 1000)])
+@pytest.mark.parametrize(("method", "steps"), [("rk4", 4000), ("dopri5", 1000), ("radau", 1000)])
 def test_turning_arm(run_deck, arm_poles, method, steps):
     """The multipliers of an arm with GHM terms are exp(lambda T), by each method."""
     period = 2 * math.pi / 40
@@ -389,7 +389,7 @@ def test_sampled_controller(run_deck):
 
 
 @pytest.mark.parametrize(
-    "change, words",
+    ("change", "words"),
     [
         (("&periodic period={T} ", "&periodic period={T} period_guess=1 "), "are both given"),
         (("&periodic period={T} ", "&periodic "), "period > 0"),
@@ -417,7 +417,8 @@ def test_no_cycle(run_deck):
     assert not (run.folder / "floquet.txt").exists()
     drifting = BELT.replace("moves_on='belt'", "").replace("period_guess=0.8", "period=0.8")
     run = run_deck(drifting, expect=1)
-    assert 'the x of body "belt"' in run.stderr and "moves_on='belt'" in run.stderr
+    assert 'the x of body "belt"' in run.stderr
+    assert "moves_on='belt'" in run.stderr
 
 
 def test_rest_is_no_cycle(run_deck):
@@ -459,3 +460,16 @@ def test_restart(run_deck, biela, tmp_path):
         assert (whole.folder / name).read_bytes() == (parts.folder / name).read_bytes()
     assert whole.figures["periodic"] == parts.figures["periodic"]
     assert not (parts.folder / "checkpoint").exists()
+
+
+def test_orbit(run_deck):
+    """A cycle is the start of another one: of the same it is found in one turn; of a neighbour on the same branch."""
+    first = run_deck(ROTOR, "--output", "first")
+    again = run_deck(ROTOR, "--orbit", "first", "--output", "again")
+    assert again.figures["periodic"]["turns_to_cycle"] == 1
+    assert np.array_equal(again.history.data[0], first.history.data[0])
+    stronger = run_deck(ROTOR.replace("moment=1.0", "moment=1.05"), "--orbit", "first", "--output", "stronger")
+    assert stronger.figures["periodic"]["period"] < first.figures["periodic"]["period"]
+    plain = ROTOR.replace("&periodic period_guess=0.3 /\n", "").replace("&transient", "&transient t_end=0.1")
+    assert "is not the cycle of a deck" in run_deck(BALL, "--orbit", "first", "--output", "other", expect=2).stderr
+    assert "with &periodic" in run_deck(plain, "--orbit", "first", expect=2).stderr

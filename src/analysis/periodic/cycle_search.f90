@@ -5,7 +5,9 @@ module cycle_search
   use kinds, only: wp
   use difference_space, only: direction_space, ritz_pairs
   use mechanism_ode, only: mechanism_system
+  use progress, only: progress_line
   use switching, only: event_list
+  use text, only: either, es_text, to_text
   use turn_log, only: turn_list, turn_result
   use turn_map, only: period_map
   implicit none (type, external)
@@ -13,6 +15,7 @@ module cycle_search
 
   real(wp), parameter :: difference = 1.0e-4_wp      !! of a difference quotient, of the scales [-]
   real(wp), parameter :: inner = 1.0e-3_wp           !! what a step may leave of the change [-]
+  real(wp), parameter :: enough = 0.1_wp             !! the same, of the tolerance [-]
   real(wp), parameter :: most_of_period = 0.2_wp     !! by which a step may change it [-]
   integer, parameter :: most_slow = 4                !! Newton steps without half the change
   integer, parameter :: most_halves = 3              !! of a Newton step
@@ -30,6 +33,8 @@ module cycle_search
     integer :: turns = 0                             !! all turns so far
     integer :: turns_to_cycle = 0                    !! of them for the cycle
     integer :: most_turns = 300
+    real(wp) :: tolerance = 1.0e-9_wp                !! largest change of a cycle [-]
+    type(progress_line) :: line
     integer :: signal = 0                            !! that came; 0: none
     logical :: lost_first = .false.                  !! the first turn did not come to its end
     type(direction_space) :: space                   !! of the multipliers
@@ -78,13 +83,14 @@ contains
     list%played = list%played + 1
     turn = list%items(list%played)
     self%turns = self%turns + 1
+    call self%line%tell('turn '//to_text(self%turns)// &
+                        either(' (multipliers)', ': repeats to '//es_text(self%residual, 1), self%found)//'   ')
   end subroutine make_turn
 
   !> Newton's method until the motion repeats to the tolerance, or is found not to.
-  subroutine find_cycle(self, list, tolerance)
+  subroutine find_cycle(self, list)
     class(cycle_state), intent(inout) :: self
     type(turn_list), intent(inout) :: list
-    real(wp), intent(in) :: tolerance                !! [-]
     type(direction_space) :: space
     type(turn_result) :: next, best
     real(wp), allocatable :: r(:), last(:)           ! change in the turn, in the one before [-]
@@ -106,7 +112,7 @@ contains
         best = self%turn
         best_period = self%period
       end if
-      self%found = self%residual < tolerance
+      self%found = self%residual < self%tolerance
       if (self%found .or. self%turns >= self%most_turns) exit
       slow = slow + 1
       if (self%residual < 0.5_wp*target) slow = 0
@@ -130,7 +136,7 @@ contains
         cycle
       end if
       if (size(last) > 0) then
-        if (.not. worth_keeping(space%count, norm2(r)/norm2(last), tolerance/self%residual)) call space%clear(size(r))
+        if (.not. worth_keeping(space%count, norm2(r)/norm2(last), self%tolerance/self%residual)) call space%clear(size(r))
       end if
       last = r
       call step(self, list, space, r, x, period)
@@ -189,7 +195,8 @@ contains
     if (self%free_period) slope = self%map%scaled(self%turn%slope)*self%period
     do
       call space%fit(r, slope, c, rest)
-      if (norm2(rest) <= inner*norm2(r) .or. self%turns >= self%most_turns .or. space%count >= size(r)) exit
+      if (norm2(rest) <= max(inner*norm2(r), enough*self%tolerance)) exit
+      if (self%turns >= self%most_turns .or. space%count >= size(r)) exit
       asked = space%rest_of(rest)
       if (norm2(asked) <= inner*norm2(rest)) exit    ! no direction is left
       asked = asked/norm2(asked)

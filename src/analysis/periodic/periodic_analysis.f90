@@ -6,6 +6,7 @@ module periodic_analysis
   use checkpoint, only: write_checkpoint
   use cycle_search, only: cycle_state
   use errors, only: failure, status_bad_input, status_signal
+  use orbit_file, only: read_orbit, write_orbit
   use periodic_words, only: cycle_lines, explain_cycle, write_floquet
   use scene_run, only: run_state, no_output
   use summary_text, only: summary_record
@@ -22,7 +23,6 @@ contains
     type(summary_record), intent(inout) :: text
     type(failure), intent(inout) :: fail
     type(cycle_state) :: cycle
-    real(wp) :: tolerance                     ! [-]
     if (run%restart) then
       call run%turns%exchange(run%saved)
       if (run%saved%damaged) call fail%raise(status_bad_input, 'the checkpoint in "'//run%folder// &
@@ -31,25 +31,30 @@ contains
       if (fail%happened()) return
     end if
     associate (p => run%d%periodic, accuracy => run%d%transient%accuracy)
-      tolerance = p%tolerance
-      if (accuracy > 0.0_wp .and. .not. p%own_tolerance) tolerance = 1.0e-3_wp*accuracy
+      cycle%tolerance = p%tolerance
+      if (accuracy > 0.0_wp .and. .not. p%own_tolerance) cycle%tolerance = 1.0e-3_wp*accuracy
       cycle%period = p%period
       cycle%free_period = p%free_period
       cycle%most_turns = p%most_turns
+      call cycle%line%begin(run%quiet, '')
       call cycle%map%begin(run)
+      if (len(run%orbit) > 0) call read_orbit(run, run%orbit, cycle%period, fail)
+      if (fail%happened()) return
       cycle%x = run%y
       call cycle%begin(run%turns)
-      if (cycle%signal == 0 .and. .not. cycle%lost_first) call cycle%find_cycle(run%turns, tolerance)
+      if (cycle%signal == 0 .and. .not. cycle%lost_first) call cycle%find_cycle(run%turns)
       if (cycle%found .and. p%multipliers > 0) call cycle%find_multipliers(run%turns, p%multipliers)
     end associate
+    call cycle%line%finish()
     if (cycle%signal > 0) then
       call interrupt(run, cycle%signal, fail)
       return
     end if
-    call explain_cycle(run, cycle, tolerance, text, fail)
+    call explain_cycle(run, cycle, fail)
     if (fail%happened()) return
     call set_transient(run, cycle%period)
     run%y = cycle%turn%start
+    call write_orbit(run, cycle%period, fail)
     call write_floquet(run, cycle, fail)
     call cycle_lines(run, cycle, text)
   end subroutine run_periodic

@@ -16,11 +16,9 @@ module periodic_words
 contains
 
   !> Fails where there is no cycle, and says what is known of it.
-  subroutine explain_cycle(run, cycle, tolerance, text, fail)
-    type(run_state), intent(inout) :: run
+  subroutine explain_cycle(run, cycle, fail)
+    type(run_state), intent(in) :: run
     type(cycle_state), intent(in) :: cycle
-    real(wp), intent(in) :: tolerance         !! [-]
-    type(summary_record), intent(inout) :: text
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: r(:)             ! [-]
     integer :: k
@@ -36,7 +34,7 @@ contains
     r = cycle%map%change(cycle%turn)
     k = maxloc(abs(r), 1)
     call fail%raise(status_failed, 'no cycle was found in '//to_text(cycle%turns)//' turns: the best one repeats to '// &
-                    short_text(cycle%residual, 2)//' of its range, '//to_text(tolerance)//' was asked for; '// &
+                    short_text(cycle%residual, 2)//' of its range, '//to_text(cycle%tolerance)//' was asked for; '// &
                     name_of(run%sys%m%s, cycle%map%compared(k))//' repeats worst'//drift(run, cycle, k))
   end subroutine explain_cycle
 
