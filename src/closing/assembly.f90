@@ -1,5 +1,5 @@
-!> Closes the mechanism before any analysis (input/README.md, "Analyses"): positions by Newton steps of least frame motion,
-!> velocities with the least mass-weighted change, redundant constraints and degrees of freedom counted.
+!> Closes the mechanism before any analysis (input/README.md, "Before the first analysis"): positions by Newton steps of least frame
+!> motion, velocities with the least mass-weighted change, redundant constraints and degrees of freedom counted.
 module assembly
   use kinds, only: wp
   use assembly_reports, only: assembly_report, add_warning

@@ -1,5 +1,5 @@
-!> Closes the mechanism's positions (input/README.md, "Analyses"): Newton steps of least motion of the frames, elastic coordinates
-!> fixed.
+!> Closes the mechanism's positions (input/README.md, "Before the first analysis"): Newton steps of least motion of the frames,
+!> elastic coordinates fixed.
 module position_closing
   use kinds, only: wp
   use assembly_reports, only: assembly_report, add_warning, open_joints

@@ -1,5 +1,5 @@
-!> Closes the mechanism's velocities (input/README.md, "Analyses"): those that the deck states are kept, the others follow by the
-!> least mass-weighted change; stated ones that contradict the joints are corrected least.
+!> Closes the mechanism's velocities (input/README.md, "Before the first analysis"): those that the deck states are kept, the others
+!> follow by the least mass-weighted change; stated ones that contradict the joints are corrected least.
 module velocity_closing
   use kinds, only: wp
   use assembly_reports, only: assembly_report, add_warning, open_joints, too_uneven, weakest_constraint, weakest_text

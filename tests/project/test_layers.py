@@ -99,6 +99,18 @@ def test_the_map_names_procedures_and_files_that_exist():
     assert wrong == [], "src/README.md names what is not there"
 
 
+def test_cited_sections_exist():
+    headings, missing = {}, []
+    for path, text in sources(ROOT / "src").items():
+        cited = re.findall(r"((?:\w+/)?README\.md), \"([^\"]+)\"", text)
+        cited += [("src/theory.md", n) for n in re.findall(r"theory\.md, section (\d+)", text)]
+        for file, section in cited:
+            lines = headings.setdefault(file, re.findall(r"^#+ (.*)$", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE))
+            if not any(line == section or line.startswith(f"{section} ") for line in lines):
+                missing.append(f"{path.name}: {file}, {section}")
+    assert missing == []
+
+
 def defines(path: Path, procedure: str) -> bool:
     """Return whether a file defines a procedure."""
     head = rf"^(?!\s*end).*\b(?:subroutine|function) {procedure}\b"

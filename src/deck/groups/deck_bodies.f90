@@ -23,8 +23,6 @@ contains
       'expected another one')
     b%velocity_stated = deck%is_set('velocity')
     b%angular_velocity_stated = deck%is_set('angular_velocity')
-    if (deck%peek('elements') == 'auto') call deck%complain('elements', 'elements=''auto'' has been removed, expected a '// &
-      'number: post/tradeoff.py finds how many a deck needs, check_mesh=.true. in &transient tells the error of a mesh')
     call check_frame_elements()
     if (deck%is_choice('beam') .and. deck%is_set('elements')) b%nodes = b%elements + 1
     if (.not. deck%is_given('element_material')) call deck%need('material')
