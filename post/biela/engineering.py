@@ -52,8 +52,17 @@ def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str
             yield f"largest deflection, {name}", f"{size[row, node]:.4g} m{share} at node {node + 1}, t = {scene.time[row]:.4g} s"
 
 
-def of_history(table: History, deck: Deck, rounding: set[str]) -> Iterator[tuple[str, str]]:
-    """Yield the largest values of sensors, of stresses with the element or node; rounding: columns that hold nothing else."""
+def of_history(
+    table: History, deck: Deck, rounding: set[str], stops: dict[str, float]
+) -> Iterator[tuple[str, str]]:
+    """Yield the largest values of sensors, of stresses with the element or node.
+
+    Args:
+        table: of sensors
+        deck: theirs
+        rounding: columns that hold nothing else
+        stops: the largest force of each stop by steps, between rows too; empty where only some rows count
+    """
     groups = {group.name: group for group in deck.all("sensor")}
     for name in table.names[1:]:
         sensor, _, part = name.rpartition(".")
@@ -68,7 +77,24 @@ def of_history(table: History, deck: Deck, rounding: set[str]) -> Iterator[tuple
         if group.word("quantity") == "stress":
             where = f"node {table[f'{sensor}.node'][int(np.argmax(np.abs(size)))]:.0f}, "
         if peak := _peak(table.time, size, table.units[name], where):
+            if (force := stops.get(group.word("stop") or "", 0.0)) > np.abs(size).max():
+                peak = f"{force:.4g} {pretty_unit(table.units[name])} between rows near{peak.partition(' at')[2]}"
             yield words.format(sensor), peak
+
+
+def first_turn(scene: dict, motion: Mechanism) -> float:
+    """Return when a rotational drive has turned once [s]; 0: none turns, inf: none has turned once by the end."""
+    ends = []
+    for drive in (drive for drive in scene["drives"] if drive["kind"] == "rotation"):
+        turned = np.abs(drive_angle(drive, motion) - drive_angle(drive, motion)[0])
+        ends += [motion.time[turned >= 2 * np.pi][0] if turned.max() >= 2 * np.pi else np.inf] if turned.any() else []
+    return min(ends, default=0.0)
+
+
+def drive_angle(drive: dict, motion: Mechanism) -> np.ndarray:
+    """Return the angle of a rotational drive [rad]."""
+    turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
+    return turns[0] - (turns[1] if len(turns) > 1 else 0.0)
 
 
 def turning_drives(scene: dict, deck: Deck) -> dict[str, dict]:
@@ -105,8 +131,7 @@ def of_drives(
         yield f"torque of drive {drive['name']}", f"{_peak(table.time, torque, 'Nm') or '0 N m'}; mean {mean:.4g} N m"
         if motion is None or len(motion.time) < 3:
             continue
-        turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
-        angle = turns[0] - (turns[1] if len(turns) > 1 else 0.0)
+        angle = drive_angle(drive, motion)
         inside = (table.time >= motion.time[0]) & (table.time <= motion.time[-1])
         power = torque[inside] * CubicSpline(motion.time, angle)(table.time[inside], 1)
         if ("power", "drive", name) not in stated:

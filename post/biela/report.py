@@ -7,7 +7,7 @@ import base64
 import io
 import math
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import jinja2
@@ -27,7 +27,6 @@ from .result_files import RESULT_FILES, HistoryError, note
 TEMPLATE = Path(__file__).resolve().parent / "report.html"
 MOST_COLUMNS = 40  # drawn of a history; a table of the ranges holds them all
 PANELS = 2  # of one picture: two pictures fit on a printed page
-EARLY = 0.01  # share of a run in which a largest value may be that of its start alone
 PIXELS = 96  # of an inch, as browsers count
 MOST_POINTS = 50_000  # of a picture, above which it is embedded as pixels
 
@@ -192,7 +191,9 @@ def findings(run: Run) -> dict[str, str]:
         drives = engineering.turning_drives(scene, deck)
         left_out = set(table.names[1:]) - set(plot.moving([table], table.names[1:]))
         left_out |= {name for name in table.names if name.endswith(".m") and name[:-2].lower() in drives}
-        found += engineering.of_history(table, deck, left_out)
+        all_rows = run.start == -math.inf and run.end == math.inf
+        stops = {one["name"].lower(): one.get("largest_force", 0.0) for one in run.figures["transient"].get("stops", [])}
+        found += engineering.of_history(table, deck, left_out, stops if all_rows else {})
         found += engineering.of_drives(table, drives, deck, moved)
     if energies is not None:
         found += engineering.of_energy(energies, run.figures.get("transient", {}))
@@ -200,12 +201,25 @@ def findings(run: Run) -> dict[str, str]:
 
 
 def early(run: Run, found: dict[str, str]) -> list[str]:
-    """Return a line that names the findings whose time lies in the first hundredth of the run, none where there are none."""
-    reached = run.figures.get("transient", {}).get("reached", 0.0)
+    """Return a line that names the findings that are larger in the first turn of a drive than after it, if there are any.
+
+    The motion of a start is not yet that of the machine. Where bodies are free to move beside the drives, it dies out only in time.
+    """
+    motion, model = run.table("motion"), run.figures["model"]
+    if motion is None or not model["degrees_of_freedom"]:
+        return []
+    turn = engineering.first_turn(run.figures["scene"], from_run(motion))
+    over = max(turn, run.start) < min(run.figures["transient"]["reached"], run.end)  # there are later turns
+    later = findings(replace(run, start=max(turn, run.start))) if over else {}
     times = {name: re.search(r"t = (\S+) s", words) for name, words in found.items()}
-    names = [name for name, time in times.items() if time and float(time[1]) < EARLY * reached]
-    words = f"{run.label}: in the first hundredth of the run, perhaps of its start alone (--start leaves that out)"
-    return [f"{words}: {', '.join(names)}."] if names else []
+    names = [name for name, time in times.items() if time and float(time[1]) < turn and value(later, name) != value(found, name)]
+    after = f"; --start {turn:.4g} leaves that out" if over else ", of which there is no second one"
+    return [f"{run.label}: in the first turn of a drive{after}, perhaps of the start alone: {', '.join(names)}."] if names else []
+
+
+def value(found: dict[str, str], name: str) -> str:
+    """Return a finding without where and when."""
+    return re.split(r" at | between ", found.get(name, ""))[0]
 
 
 def deck_of(run: Run) -> Deck:
