@@ -30,7 +30,7 @@ contains
         if (row%holds(run%sys%ev%switches%state(row%switch_number))) held = held//' "'//trim(row%name)//'"'
       end associate
     end do
-    if (len(held) > 0) call text%figure('  rigid stops that are closed:', 'closed_stops', held, rest='')
+    if (len(held) > 0) call text%line('  rigid stops that are closed:{closed_stops='//held//'}')
     held = ''
     sliding = ''
     free = ''
@@ -47,9 +47,9 @@ contains
         end associate
       end associate
     end do
-    if (len(held) > 0) call text%figure('  joints held by their friction:', 'held_by_friction', held, rest='')
-    if (len(sliding) > 0) call text%figure('  joints that slide, with the friction of this state as a constant force:', &
-                                           'constant_friction', sliding, rest='')
-    if (len(free) > 0) call text%figure('  joints that move without their friction:', 'without_friction', free, rest='')
+    if (len(held) > 0) call text%line('  joints held by their friction:{held_by_friction='//held//'}')
+    if (len(sliding) > 0) call text%line('  joints that slide, with the friction of this state as a constant force:'// &
+                                         '{constant_friction='//sliding//'}')
+    if (len(free) > 0) call text%line('  joints that move without their friction:{without_friction='//free//'}')
   end subroutine tell_friction
 end module held_friction

@@ -62,11 +62,9 @@ contains
     order = ascending(-[share])
     do k = 1, count(share > noticed)
       at = 1 + [mod(order(k) - 1, size(share, 1)), (order(k) - 1)/size(share, 1)]
-      call text%open('', '{')
-      call text%figure('  body "', 'body', trim(run%d%bodies(at(2))%name))
-      call text%figure('", ', 'column', trim(run%list%names(at(1))))
-      call text%figure(': ', 'share', share(at(1), at(2)), 1, rest='')
-      call text%close()
+      call text%item('  body "{body='//trim(run%d%bodies(at(2))%name)//'}", '// &
+                     '{column='//trim(run%list%column(at(1))%label())//'}: {share 1}', &
+                     [share(at(1), at(2))])
     end do
     call text%close()
   end subroutine flexibility_lines
@@ -83,7 +81,6 @@ contains
     real(wp), allocatable :: x(:, :)             ! modes of the reduced body by nodal coordinates [m, rad, over kg^.5 m]
     real(wp), allocatable :: whole(:, :), left(:, :)   ! (columns, loads) responses of the columns [of the column]
     real(wp) :: largest(size(share))             ! [of the column]
-    character(:), allocatable :: unit
     integer :: c, n
     logical :: bad
     share = 0.0_wp
@@ -98,8 +95,9 @@ contains
     end select
     largest = maxval(abs(whole), 2)
     do c = 1, size(share)
-      unit = trim(run%list%names(c)(index(run%list%names(c), '['):))
-      if (largest(c) <= noticed*maxval(largest, index(run%list%names(:size(share)), unit) > 0)) cycle   ! rounding
+      associate (same => run%list%column%unit == run%list%column(c)%unit)
+        if (largest(c) <= noticed*maxval(largest, same)) cycle   ! rounding
+      end associate
       share(c) = maxval(abs(left(c, :)))/largest(c)
     end do
   end function body_shares
@@ -127,7 +125,7 @@ contains
         basis%psi(:, 1:1) = nodal_shapes(b, y(:, j:j))
       end select
       call read_linear_sensors(run%list, m, run%sys%ev, run%y, motion, amplitudes)
-      columns(:, j) = merge(0.0_wp, real(amplitudes, wp), index(run%list%names(:size(values)), 'kg^.5') > 0)
+      columns(:, j) = merge(0.0_wp, real(amplitudes, wp), index(run%list%column%unit, 'kg^.5') > 0)
     end do
   end function responses
 end module left_out_flexibility

@@ -16,7 +16,7 @@ module linear_state
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use mechanism_ode, only: mechanism_system
-  use scene_run, only: run_state, warn
+  use scene_run, only: run_state
   use summary_text, only: summary_record
   implicit none (type, external)
   private
@@ -75,8 +75,8 @@ contains
     associate (s => run%sys%m%s)
       if (any(abs(run%y(s%nq + 1:2*s%nq)) > 0.0_wp) .or. s%rows == s%nq .or. at_equilibrium(run)) return
     end associate
-    call warn(run, 'the state about which modes and responses are computed is no equilibrium (it would accelerate from rest): '// &
-              'they are those of the frozen instant; &static finds the equilibrium', text)
+    call text%warn('the state about which modes and responses are computed is no equilibrium (it would accelerate from rest): '// &
+              'they are those of the frozen instant; &static finds the equilibrium')
   end subroutine warn_of_motion
 
   !> Gravity, or what frames would do without joints.

@@ -8,7 +8,7 @@ module loop_analysis
   use held_friction, only: set_friction
   use linear_state, only: linear_system
   use posix, only: remove_file
-  use scene_run, only: run_state, no_output, warn, stop_if_signalled
+  use scene_run, only: run_state, no_output, stop_if_signalled
   use sorting, only: ascending
   use summary_text, only: summary_record
   use text, only: either, joined, to_text
@@ -46,9 +46,9 @@ contains
     lambda = pack(lambda, lambda%im > abs(lambda%re) .and. lambda%re*run%d%transient%t_end > 1.0_wp)
     if (size(lambda) == 0) return
     k = maxloc(lambda%re, 1)
-    call warn(run, 'controllers make a vibration of '//to_text(lambda(k)%im/(2*pi))//' Hz grow by '//to_text(lambda(k)%re)// &
+    call text%warn('controllers make a vibration of '//to_text(lambda(k)%im/(2*pi))//' Hz grow by '//to_text(lambda(k)%re)// &
               ' 1/s, as assembled and with joints free of friction: steps will follow it; &modal friction=''free'' tells poles '// &
-              'and margins', text)
+              'and margins')
   end subroutine warn_of_loops
 
   !> Poles and margins.
@@ -71,21 +71,18 @@ contains
     if (.not. ok) call fail%raise(status_failed, 'the poles of the closed loops cannot be computed: the '// &
                                  'eigenvalues do not converge')
     if (fail%happened()) return
-    call text%line('')
-    call text%line('closed loops')
-    call text%open('closed_loops', '{')
-    call text%figure('  states: ', 'states', states)
+    call text%section('closed_loops', 'closed loops')
+    call text%say('  states: {states #}', [real(wp) :: states])
     if (states > most_states) then
       call text%line(', more than '//to_text(most_states)//': stability not decided')
       call text%close()
-      call warn(run, 'stability not decided: '//to_text(states)//' states, all poles are computed of up to '// &
-                to_text(most_states)//'; expected fewer coordinates (modes=, fewer elements)', text)
+      call text%warn('stability not decided: '//to_text(states)//' states, all poles are computed of up to '// &
+                to_text(most_states)//'; expected fewer coordinates (modes=, fewer elements)')
       return
     end if
     grow = sum(merge(2, 1, lambda%im > 0.0_wp), lambda%re > growing*abs(lambda) .and. &
                                                 abs(lambda) > negligible*maxval(abs(lambda)))
-    call text%figure(', all poles computed; growing: ', 'growing', grow)
-    call text%line('')
+    call text%line(', all poles computed; growing: {growing #}', [real(wp) :: grow])
     call file%open(run%folder//'/poles.txt')
     call file%head('poles of the closed loops about the present state', run%d%name, run%sys%m%s%title)
     call file%line('# all of them, one of each conjugate pair')
@@ -105,8 +102,8 @@ contains
     call text%close()
     call text%close()
     call tell_limits(run, text)
-    if (grow > 0) call warn(run, 'a closed loop is unstable: '//to_text(grow)//' of the poles '// &
-                            either('grows', 'grow', grow == 1)//' (poles.txt)', text)
+    if (grow > 0) call text%warn('a closed loop is unstable: '//to_text(grow)//' of the poles '// &
+                            either('grows', 'grow', grow == 1)//' (poles.txt)')
   end subroutine run_loops
 
   !> Warns of controllers that are at a limit in the evaluated state: there they do not answer to small motions.
@@ -117,8 +114,8 @@ contains
     associate (s => run%sys%m%s, ev => run%sys%ev)
       names = pack(s%controllers%name, ev%control%limited /= 0)
     end associate
-    if (size(names) > 0) call warn(run, 'at a limit in the present state: controllers '//joined(names, ', ')// &
-                                   '; poles, margins and responses are those of loops without limits', text)
+    if (size(names) > 0) call text%warn('at a limit in the present state: controllers '//joined(names, ', ')// &
+                                   '; poles, margins and responses are those of loops without limits')
   end subroutine tell_limits
 
   !> Gain and phase margin of one loop of stable ones, opened: where the open loop is real and negative, the gain nearest to 1 on
@@ -161,19 +158,14 @@ contains
       left = right
     end do
     call text%open('', '{')
-    call text%figure('  loop of controller "', 'controller', trim(loops%law(c)%name))
-    call text%words%add('" opened: ')
+    call text%say('  loop of controller "{controller='//trim(loops%law(c)%name)//'}" opened: ')
     if (gain < huge(1.0_wp)) then
-      call text%figure('gain margin ', 'gain_margin', gain, 5)
-      call text%figure(' at ', 'gain_margin_at', gain_at/(2*pi), 5)
-      call text%words%add(' Hz, ')
+      call text%say('gain margin {gain_margin 5} at {gain_margin_at 5} Hz, ', [gain, gain_at/(2*pi)])
     else
-      call text%words%add('no frequency limits the gain, ')
+      call text%say('no frequency limits the gain, ')
     end if
     if (phase < huge(1.0_wp)) then
-      call text%figure('phase margin ', 'phase_margin', phase*180/pi, 5)
-      call text%figure(' degrees at ', 'phase_margin_at', phase_at/(2*pi), 5)
-      call text%line(' Hz')
+      call text%line('phase margin {phase_margin 5} degrees at {phase_margin_at 5} Hz', [phase*180/pi, phase_at/(2*pi)])
     else
       call text%line('no frequency has the gain 1')
     end if

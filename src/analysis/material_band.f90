@@ -68,7 +68,7 @@ contains
     character(*), intent(in) :: what              !! what lies outside
     character(:), allocatable :: text
     associate (m => run%d%materials(k))
-      text = 'warning: '//what//' outside the band of material "'//trim(m%name)//'", '//figure(m%band(1))//' to '// &
+      text = what//' outside the band of material "'//trim(m%name)//'", '//figure(m%band(1))//' to '// &
              figure(m%band(2))//' Hz: its modulus is not known there'//new_line('a')
     end associate
   end function warning

@@ -13,9 +13,7 @@ module modal_analysis
   use pole_check, only: say_what_is_missing
   use posix, only: remove_file
   use scene_run, only: run_state, no_output, stop_if_signalled
-  use summary, only: add_warnings
   use summary_text, only: summary_record
-  use readable_text, only: json_text
   use text, only: to_text
   implicit none (type, external)
   private
@@ -48,12 +46,12 @@ contains
     call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), modes, failed)
     if (failed) call no_output(run, fail)
     call modal_lines(run, modes, ds, text)
-    call add_warnings(text, run%d%path, outside_band(run, 'damped modes', frequencies(modes)))
+    call text%warn(outside_band(run, 'damped modes', frequencies(modes)))
     call say_what_is_missing(modes, failed, words)
     if (failed) then
       call fail%raise(status_failed, words)
-    else if (len(words) > 0) then
-      call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
+    else
+      call text%warn(words)
     end if
     call run_loops(run, ds, text, fail)
   end subroutine run_modal
@@ -80,32 +78,24 @@ contains
     character(12), parameter :: names(0:3) = [character(12) :: 'undamped', 'damped', 'further pole', 'real pole']
     real(wp) :: x(9)
     integer :: k
-    call text%line('')
-    call text%line('modes')
-    associate (wanted => run%d%modal%modes)
-      if (wanted > ds%n - ds%rows) call text%line('  only '//to_text(ds%n - ds%rows)//' degrees of freedom for '// &
-                                                 to_text(wanted)//' modes')
+    call text%section('modes', 'modes')
+    associate (wanted => run%d%modal%modes, all => ds%n - ds%rows)
+      if (wanted > all) call text%line('  only {degrees_of_freedom #} degrees of freedom for {modes_asked #} modes', &
+                                       [real(wp) :: all, wanted])
     end associate
-    call text%open('modes', '{')
     call tell_friction(run, text)
     call text%open('poles', '[')
     do k = 1, modes%count
       x = mode_figures(modes, k)
-      call text%open('', '{')
-      call text%figure(repeat(' ', max(2, 6 - len(to_text(modes%mode(k))))), 'mode', modes%mode(k))
-      call text%words%add('  '//names(modes%kind(k)))
-      call text%member('kind', json_text(trim(names(modes%kind(k)))))
-      call text%figure('  ', 'frequency', x(4), 8)
-      call text%figure(' Hz, damping ratio ', 'damping_ratio', x(5), 8)
-      call text%figure(', real part ', 'real_part', x(7), 8)
-      call text%figure(' 1/s, residual ', 'residual', x(9), 3, rest='')
-      call text%close()
+      call text%item(repeat(' ', max(2, 6 - len(to_text(modes%mode(k)))))//'{mode #}  {kind='//trim(names(modes%kind(k)))// &
+                     '}'//repeat(' ', 13 - len_trim(names(modes%kind(k))))//'{frequency 8} Hz, damping ratio {damping_ratio '// &
+                     '8}, real part {real_part 8} 1/s, residual {residual 3}', &
+                     [real(wp) :: modes%mode(k), x(4), x(5), x(7), x(9)])
     end do
     call text%close()
-    call text%figure('  ', 'complete', modes%note_undamped, rest='')
-    if (len(modes%note_damped) > 0) call text%line('  '//modes%note_damped)
-    call text%member('complete_damped', json_text(modes%note_damped))
-    call text%figure('  factorisations: ', 'factorisations', ds%factorisations, rest='')
+    call text%word('  ', 'complete', modes%note_undamped)
+    call text%word(new_line('a')//'  ', 'complete_damped', modes%note_damped)
+    call text%line(new_line('a')//'  factorisations: {factorisations #}', [real(wp) :: ds%factorisations])
     call text%close()
   end subroutine modal_lines
 end module modal_analysis

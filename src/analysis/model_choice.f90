@@ -14,7 +14,6 @@ module model_choice
   use scene_model, only: scene
   use scene_run, only: run_state, prepare_run
   use sorting, only: ascending
-  use summary, only: add_warnings
   use text, only: short_text, to_text
   implicit none (type, external)
   private
@@ -68,6 +67,7 @@ contains
     if (run%restart) then
       call run%exchange_model(run%saved)
     else
+      run%model_words%path = run%d%path
       call run%model_words%open('reduction', '{')
       if (reduced) call choose_modes(run)
       better = run%d
@@ -119,12 +119,12 @@ contains
     character(*), intent(in) :: doubt                !! for a warning; empty: none
     associate (text => run%model_words)
       call text%line('')
-      call text%line(words//', by pilots (radau, tolerance '//to_text(pilots%tolerance)//'):')
+      call text%line(words//', by pilots (radau, tolerance {'//prefix//'tolerance}):', [pilots%tolerance])
       call text%words%add(notes)
-      if (allocated(found%error)) call column_lines(prefix//'errors', found%names, found%error, found%range, text)
-      if (len(doubt) > 0) call add_warnings(text, run%d%path, 'warning: '//doubt//new_line('a'))
-      call text%figure('  cost of ', prefix//'pilots', pilots%count)
-      call text%figure(' pilots: ', prefix//'cost', nint(pilots%cost, ip), rest=' explicit evaluations')
+      if (allocated(found%error)) call column_lines(prefix//'errors', found%columns, found%error, found%range, text)
+      call text%warn(doubt)
+      call text%line('  cost of {'//prefix//'pilots #} pilots: {'//prefix//'cost #} explicit evaluations', &
+                     [real(wp) :: pilots%count, pilots%cost])
     end associate
   end subroutine report
 
@@ -158,7 +158,7 @@ contains
       low = n
       if (.not. allocated(found%error)) cycle
       k = maxloc(found%error/found%asked, 1)
-      fewer = '  fewer are not enough: '//trim(found%names(k))//' errs by '//short_text(found%worst(), 1)// &
+      fewer = '  fewer are not enough: '//trim(found%columns(k)%label())//' errs by '//short_text(found%worst(), 1)// &
               ' of what is asked; they may take '//to_text(modes_share)//new_line('a')
     end do
     notes = ''
@@ -178,8 +178,8 @@ contains
     associate (text => run%model_words)
       call text%open('modes', '{')
       do k = 1, size(run%d%bodies)
-        if (run%d%bodies(k)%auto_modes) call text%figure('  body "'//trim(run%d%bodies(k)%name)//'": modes=', &
-                                                          trim(run%d%bodies(k)%name), run%d%bodies(k)%modes, rest='')
+        if (run%d%bodies(k)%auto_modes) call text%line('  body "'//trim(run%d%bodies(k)%name)//'": modes={'// &
+          trim(run%d%bodies(k)%name)//' #}', [real(wp) :: run%d%bodies(k)%modes])
       end do
       call text%close()
     end associate

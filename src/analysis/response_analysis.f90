@@ -3,7 +3,7 @@
 module response_analysis
   use kinds, only: wp, pi
   use closed_loops, only: loop_system
-  use column_names, only: suffixed
+  use result_columns, only: result_column
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
   use held_friction, only: set_friction, tell_friction
@@ -15,7 +15,6 @@ module response_analysis
   use scene_run, only: run_state, no_output, stop_if_signalled
   use sensor, only: harmonic_motion
   use sensors, only: read_sensors, read_linear_sensors
-  use summary, only: add_warnings
   use summary_text, only: summary_record
   use text, only: joined, to_text
   use text_file, only: result_file
@@ -66,20 +65,16 @@ contains
       call file%close()
     end associate
     if (file%failed) call no_output(run, fail)
-    call text%line('')
-    call text%line('frequency response')
-    call text%open('frequency_response', '{')
+    call text%section('frequency_response', 'frequency response')
     call tell_friction(run, text)
-    call text%figure('  input: ', 'input', input_name(run))
-    call text%figure(', points: ', 'points', k - 1)
-    call text%figure(', matrices: ', 'matrices_kb', ds%solver%memory()/1024, rest=' kB')
+    call text%line('  input: {input='//input_name(run)//'}, points: {points #}, matrices: {matrices_kb #} kB', &
+                   [real(wp) :: k - 1, ds%solver%memory()/1024])
     call text%close()
     if (.not. run%d%modal%present) then
       call warn_of_motion(run, text)
       call tell_limits(run, text)
     end if
-    call add_warnings(text, run%d%path, &
-                      outside_band(run, 'frequencies of the response', [(frequency(run, k), k=1, run%d%response%points)]))
+    call text%warn(outside_band(run, 'frequencies of the response', [(frequency(run, k), k=1, run%d%response%points)]))
   end subroutine run_response
 
   !> A drive whose row was left out as redundant cannot excite the linear system; nor can a constant rate be a small motion.
@@ -205,20 +200,16 @@ contains
   subroutine write_header(run, file)
     type(run_state), intent(in) :: run
     type(result_file), intent(inout) :: file
-    character(96), allocatable :: names(:)
+    type(result_column) :: columns(4*run%list%columns)
     integer :: k
     call file%head('frequency response of the sensors about the present state', run%d%name, run%sys%m%s%title)
     call file%line('# input: '//input_name(run)//'; peak amplitude per unit of its history, phase ahead of it (-pi to pi)')
-    allocate (names(4*run%list%columns))
     do k = 1, run%list%columns
-      associate (name => run%list%names(k))
-        names(4*k - 3) = suffixed(name, '.re')
-        names(4*k - 2) = suffixed(name, '.im')
-        names(4*k - 1) = suffixed(name, '.amplitude')
-        names(4*k) = name(:index(name, '[') - 1)//'.phase[rad]'
+      associate (x => run%list%column(k))
+        columns(4*k - 3:4*k) = [x%part('.re'), x%part('.im'), x%part('.amplitude'), x%part('.phase', 'rad')]
       end associate
     end do
-    call file%line('# columns: '//joined([character(96) :: 'f[Hz]', names], ' '))
+    call file%line('# columns: f[Hz] '//joined(columns%label(), ' '))
   end subroutine write_header
 
   !> Real and imaginary part, amplitude and phase of every column.

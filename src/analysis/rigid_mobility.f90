@@ -27,10 +27,8 @@ contains
       call text%member('rigid_mobility', 'null')
       return
     end if
-    call text%figure('  rigid mobility: ', 'rigid_mobility', free)
-    call text%figure(either(' degree', ' degrees', free == 1)//' of freedom with all bodies rigid, ', &
-                     'driven_freedoms', free - driven)
-    call text%line(' of them driven')
+    call text%line('  rigid mobility: {rigid_mobility #}'//either(' degree', ' degrees', free == 1)//' of freedom with all '// &
+                   'bodies rigid, {driven_freedoms #} of them driven', [real(wp) :: free, free - driven])
   end subroutine mobility_lines
 
   !> Degrees of freedom with all bodies rigid at the start; -1: the deck does not assemble so.

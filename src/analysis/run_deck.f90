@@ -26,8 +26,8 @@ module run_deck
   use step_counts, only: actual_step
   use stop_advice, only: advise_stops
   use static_analysis, only: run_static, refuse_free_bodies
-  use summary, only: add_warnings, model_lines, model_warnings, tell_warnings
-  use summary_text, only: json_number, summary_record
+  use summary, only: model_lines
+  use summary_text, only: summary_record
   use text, only: es_text, to_text
   use accuracy_run, only: run_to_accuracy
   use transient, only: run_transient, transient_march
@@ -93,10 +93,9 @@ contains
       status = fail%status
       return
     end if
-    text = summary_record()
-    call tell_warnings(text, path, model_warnings(run%sys%m, run%assembly))
-    call warn_of_mistakes(run%d, options%check)
+    text%path = path
     call model_lines(run%d, run%sys%m, run%assembly, text)
+    call warn_of_mistakes(run%d, options%check)
     if (run%model_found) call text%append(run%model_words)
     if (options%check) call mobility_lines(run%d, text)
     if (options%check) call flexibility_lines(run, text)
@@ -105,7 +104,6 @@ contains
     k = method_number(run%d%transient%method)
     if (k > 0) run%stable_step = advice%safe%step(k)
     run%stable_steps = advice%lowest
-    call text%line('')
     call text%append(advice%text)
     call deck_step(run, advice, text)
     call text%close()
@@ -207,8 +205,8 @@ contains
       line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s: nothing limits it'
     else
       share = fixed_step_of(run)/advice%safe%step(k)
-      line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s, '//to_text(anint(100*share)/100)// &
-             ' of the safe bound: '
+      line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s, {step_of_safe_bound %} of '// &
+             'the safe bound: '
       if (share > 1.0_wp) then
         line = line//'above that bound'
       else if (fixed_step_of(run) > advice%lowest(k)) then
@@ -219,9 +217,8 @@ contains
       else
         line = line//'stable'
       end if
-      call text%member('step_of_safe_bound', json_number(share))
     end if
-    call text%line('  this deck: '//line)
+    call text%line('  this deck: '//line, [share])
   end subroutine deck_step
 
   !> Runs the analyses with the results folder locked.
@@ -248,7 +245,7 @@ contains
     if (.not. run%restart) call begin_results(run, fail)
     call check_lapack('set-up', fail)
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
-    if (run%vibrates()) call add_warnings(text, run%d%path, thick_beams(run%sys%m))
+    if (run%vibrates()) call text%warn(thick_beams(run%sys%m))
     if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
     call check_lapack('static analysis', fail)
     if (.not. run%d%static%present) run%sys%options%stage = stage_linear

@@ -81,17 +81,16 @@ contains
     integer, intent(in) :: restarts              !! times that the run was continued
     type(summary_record), intent(inout) :: text
     logical, intent(out) :: ok                   !! whether it could be written
+    character(:), allocatable :: outcome
     character(8) :: date
     character(10) :: clock
     if (restarts > 0) call text%line('timing: restarts '//to_text(restarts))
     call text%line('')
-    if (fail%happened()) then
-      call text%figure('outcome: ', 'outcome', fail%message)
-    else
-      call text%figure('outcome: ', 'outcome', 'done')
-    end if
+    outcome = 'done'
+    if (fail%happened()) outcome = fail%message
+    call text%word('outcome: ', 'outcome', outcome)
     call text%line('')
-    call text%member('status', to_text(fail%status))
+    call text%line('status: {status #}', [real(wp) :: fail%status])
     call text%line('timing: analyses took '//fixed_text(seconds(1), 6)//' s, '//fixed_text(seconds(2), 6)//' s of the processor')
     call date_and_time(date, clock)
     call text%member('timing', '{"seconds": '//json_number(seconds(1))//', "processor_seconds": '//json_number(seconds(2))// &
@@ -109,7 +108,8 @@ contains
     call text%line('version: biela '//version//', '//compiler_version())
     call text%line('')
     call text%line('deck text')
-    call text%figure('', 'deck_text', run%d%text, rest='')
+    call text%word('', 'deck_text', run%d%text)
+    call text%line('')
     call text%member('groups', run%d%groups)
     call write_whole(run%folder//'/summary.json', text%json(), ok)
     if (ok) call write_whole(run%folder//'/summary.txt', readable(text%words%all()), ok)

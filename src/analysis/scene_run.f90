@@ -19,12 +19,11 @@ module scene_run
   use text, only: to_text
   use trial_scene, only: assemble_scene
   use turn_log, only: turn_list
-  use summary, only: add_warnings
   use summary_text, only: summary_record
   use validity, only: validity_watch
   implicit none (type, external)
   private
-  public :: run_state, prepare_run, assemble_run, relax, warn, no_output, stop_if_signalled
+  public :: run_state, prepare_run, assemble_run, relax, no_output, stop_if_signalled
 
   !> What analyses share.
   type :: run_state
@@ -119,15 +118,6 @@ contains
     call relax(run%sys, run%sys%options%prestress, run%y)
     call set_up_sensors(run%d, run%sys%m, run%list)
   end subroutine assemble_run
-
-  !> A warning, in the summary and on standard error.
-  subroutine warn(run, words, text)
-    type(run_state), intent(in) :: run
-    character(*), intent(in) :: words
-    type(summary_record), intent(inout) :: text         !! the summary so far
-    call text%words%add('  ')
-    call add_warnings(text, run%d%path, 'warning: '//words//new_line('a'))
-  end subroutine warn
 
   !> Results that cannot be written.
   subroutine no_output(run, fail)

@@ -11,8 +11,7 @@ module step_advice
   use spring_directions, only: turning_stiffness
   use tableaux, only: method_names
   use step_bounds, only: step_bound, find_bound, take_smaller
-  use summary_text, only: json_number, summary_record
-  use text, only: fixed_text
+  use summary_text, only: summary_record
   use validity, only: bend_to_limit
   implicit none (type, external)
   private
@@ -74,9 +73,9 @@ contains
     call both_bounds(m, ev, bent, bent_bound)
     if (.not. any(bent_bound%step < worth_a_line*advice%safe%step)) return
     advice%lowest = min(advice%safe%step, bent_bound%step)
-    call advice%text%figure('  note: the safe bound counts the inertia of bodies as they stand at the start; bent as far as '// &
-                            'the model holds they would allow about ', 'bent_bound', bent_bound%step(1), 4)
-    call advice%text%line(' s (rk4), limited by '//bent_bound%cause(1)%what)
+    call advice%text%line('  note: the safe bound counts the inertia of bodies as they stand at the start; bent as far as the '// &
+                          'model holds they would allow about {bent_bound 4} s (rk4), limited by {bent_bound_limited_by='// &
+                          trim(bent_bound%cause(1)%what)//'}', bent_bound%step(1:1))
   contains
     !> Adds a note, and what has to stay as it is at the start.
     subroutine provide(what, note)
@@ -112,16 +111,16 @@ contains
   subroutine advice_lines(m, advice)
     type(mechanism_model), intent(in) :: m
     type(stability_advice), intent(inout) :: advice
+    character(:), allocatable :: words
     integer :: k
-    advice%text = summary_record()
-    call advice%text%line('stable steps of explicit methods')
-    call advice%text%open('stable_steps', '{')
+    call advice%text%section('stable_steps', 'stable steps of explicit methods')
     do k = 1, size(method_names)
       call advice%text%open(trim(method_names(k)), '{')
       call method_lines(advice, k)
       call advice%text%close()
     end do
-    if (len(remedy(m, advice%safe%cause(1))) > 0) call advice%text%line('  larger steps by: '//remedy(m, advice%safe%cause(1)))
+    words = remedy(m, advice%safe%cause(1))
+    if (len(words) > 0) call advice%text%line('  larger steps by: {larger_steps_by='//words//'}')
   end subroutine advice_lines
 
   !> Both bounds of one method and what limits it.
@@ -129,24 +128,19 @@ contains
     type(stability_advice), intent(inout) :: advice
     integer, intent(in) :: k                   !! method
     associate (text => advice%text, safe => advice%safe%step(k), current => advice%current%step(k), mu => advice%safe%mu(k))
-      call text%words%add('  '//trim(method_names(k)))
+      call text%say('  '//trim(method_names(k)))
       if (safe >= huge(1.0_wp)) then
         call text%line(': no limit (nothing vibrates or decays fast): accuracy alone sets the step')
         return
       end if
-      call text%figure(': safe bound ', 'safe_bound', safe, 4)
-      call text%words%add(' s (joints released)')
+      call text%say(': safe bound {safe_bound 4} s (joints released)', [safe])
       if (current > 1.0e6_wp*safe) then
         call text%line(', no current bound (as assembled)')
       else
-        call text%figure(', current bound ', 'current_bound', current, 4)
-        call text%line(' s (as assembled)')
+        call text%line(', current bound {current_bound 4} s (as assembled)', [current])
       end if
-      call text%figure('    limited by ', 'limited_by', trim(advice%safe%cause(k)%what))
-      call text%figure(', |eigenvalue| ', 'eigenvalue', abs(mu), 4)
-      call text%words%add(' rad/s, damping ratio '//fixed_text(abs(real(mu, wp))/abs(mu), 4))
-      call text%member('damping_ratio', json_number(abs(real(mu, wp))/abs(mu)))
-      call text%line('')
+      call text%line('    limited by {limited_by='//trim(advice%safe%cause(k)%what)//'}, |eigenvalue| {eigenvalue 4} rad/s, '// &
+                     'damping ratio {damping_ratio}', [abs(mu), abs(real(mu, wp))/abs(mu)])
       if (k == 1 .and. .not. abs(aimag(mu)) > 0.0_wp) call text%line('    which decays and does not vibrate; '// &
         'the implicit methods have no such bound and lose no vibration by larger steps (radau for small errors)')
     end associate

@@ -5,15 +5,12 @@ module stop_advice
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use readable_text, only: json_text
   use stops, only: example_depth, share_of_contact, stop_model
-  use summary_text, only: json_number, summary_record
+  use summary_text, only: summary_record
   use text, only: either, to_text
   implicit none (type, external)
   private
   public :: advise_stops, cannot_follow
-
-  integer, parameter :: most_lines = 10     !! of words; summary.json has all
 
 contains
 
@@ -36,7 +33,6 @@ contains
       call one_stop(m, work, i, text)
     end do
     call text%close()
-    if (m%s%stops > most_lines) call text%line('  and '//to_text(m%s%stops - most_lines)//' more')
     call text%line('  dopri5 and radau with a tolerance take such steps only where they are needed; fixed steps are divided there')
   end subroutine advise_stops
 
@@ -62,42 +58,36 @@ contains
     type(evaluation), intent(inout) :: ev      !! evaluated
     integer, intent(in) :: i                   !! its number among those that switch
     type(summary_record), intent(inout) :: text
-    character(:), allocatable :: words, limit
+    character(:), allocatable :: limit, unit_of_mass
     integer :: side
     real(wp) :: mass, depth, stiffness, speed, time   ! [kg], [m], [N/m], [m/s] or [kg m2], [rad], [N m/rad], [rad/s]; [s]
     mass = mass_at(m, ev, m%s%switching(i))
+    call text%open('', '{')
     select type (f => m%s%forces(m%s%switching(i))%item)
     class is (stop_model)
+      unit_of_mass = either(' kg m2', ' kg', f%angular)
       depth = f%example()
       stiffness = f%stiffness_at(depth)
-      words = '  stop "'//trim(f%name)//'": '
-      if (f%rigid) words = words//'rigid'
-      if (.not. f%rigid) words = words//'stiffness '//to_text(stiffness)//either(' Nm/rad', ' N/m', f%angular)
-      call text%open('', '{')
-      call text%member('name', json_text(trim(f%name)))
-      if (.not. f%rigid) call text%member('stiffness', json_number(stiffness))
+      call text%say('  stop "{name='//trim(f%name)//'}": ')
+      if (f%rigid) call text%say('rigid')
+      if (.not. f%rigid) call text%say('stiffness {stiffness}'//either(' Nm/rad', ' N/m', f%angular), [stiffness])
       if (f%rigid .and. mass < huge(1.0_wp)) then
-        call text%member('mass', json_number(mass))
-        words = words//', met by '//to_text(mass)//either(' kg m2', ' kg', f%angular)
+        call text%say(', met by {mass}'//unit_of_mass, [mass])
       else if (mass < huge(1.0_wp)) then
         speed = sqrt(2*stiffness*depth**2/(f%exponent*(f%exponent + 1)*mass))
         time = f%impact_time(mass, speed)
-        call text%member('mass', json_number(mass))
-        call text%member('speed', json_number(speed))
-        call text%member('contact', json_number(time))
-        words = words//', against '//to_text(mass)//either(' kg m2', ' kg', f%angular)//'; a contact from '// &
-                to_text(speed)//either(' rad/s', ' m/s', f%angular)//' lasts '//to_text(time)//' s and takes steps of '// &
-                to_text(share_of_contact*time)//' s'
+        call text%say(', against {mass}'//unit_of_mass//'; a contact from {speed}'//either(' rad/s', ' m/s', f%angular)// &
+                      ' lasts {contact} s and takes steps of {contact_step} s', [mass, speed, time, share_of_contact*time])
         do side = 1, 2
           limit = cannot_follow(m, merge(f%ia, f%ib, side == 1), time)
-          if (len(limit) > 0) words = words//new_line('a')//'    warning: that is '//limit
+          if (len(limit) > 0) call text%say(new_line('a')//'    warning: that is '//limit)
         end do
       else
-        words = words//'; its force moves nothing'
-        if (len(drives_against(m, ev)) > 0) words = words//', for what it limits is prescribed by drive'//drives_against(m, ev)
+        call text%say('; its force moves nothing')
+        if (len(drives_against(m, ev)) > 0) call text%say(', for what it limits is prescribed by drive'//drives_against(m, ev))
       end if
-      call text%close()
     end select
-    if (i <= most_lines) call text%line(words)
+    call text%line('')
+    call text%close()
   end subroutine one_stop
 end module stop_advice

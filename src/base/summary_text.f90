@@ -1,17 +1,20 @@
-!> A run's summary, written once for two readers: words for people (summary.txt) and named figures for programs
-!> (summary.json). One call writes a figure into a line of words and stores it under its name, so that the two cannot differ.
+!> A run's summary: a list of facts, each with name, value, unit and sentence, written once for two readers. A sentence names the
+!> facts in it in braces; summary.txt shows it with their values, rounded, summary.json holds the values in full under the names, so
+!> that the two cannot differ.
 module summary_text
   use kinds, only: wp, ip
   use archive, only: value_archive
   use growing_text, only: text_buffer
+  use posix, only: tell
   use readable_text, only: json_text
-  use text, only: es_text, exact_text, to_text
+  use text, only: exact_text, short_text, to_text
   implicit none (type, external)
   private
   public :: json_number
 
   !> A summary that is being written.
   type, public :: summary_record
+    character(:), allocatable :: path             !! of the deck, in front of warnings on standard error
     type(text_buffer) :: words                    !! lines so far, and the beginning of the next one
     type(text_buffer) :: members                  !! of the JSON object, so far
     type(text_buffer) :: warnings                 !! elements of its list of warnings, so far
@@ -19,74 +22,126 @@ module summary_text
     logical :: silent = .false.                   !! warnings go to `held_back` instead of standard error
     type(text_buffer) :: held_back                !! their lines
   contains
+    procedure :: say
     procedure :: line
+    procedure :: item
+    procedure :: table
+    procedure :: section
+    procedure :: word
     procedure :: open => open_bracket
     procedure :: close => close_bracket
     procedure :: append
-    procedure :: warning
+    procedure :: warn
     procedure :: json
     procedure :: member
     procedure :: exchange
-    procedure, private :: put_integer, put_long, put_real, put_word
-    generic :: figure => put_integer, put_long, put_real, put_word
   end type summary_record
 
 contains
 
-  !> Ends the present line of words.
-  subroutine line(self, words)
+  !> A part of a line. In braces stand, each after the name of its fact: nothing (the next value, in few digits), a number (so many
+  !> decimals of d.ddE+ee), # (a count), % (in hundredths), or = and a word, of which `word` takes any letters.
+  subroutine say(self, sentence, values)
     class(summary_record), intent(inout) :: self
-    character(*), intent(in) :: words             !! rest of the line
-    call self%words%add(words//new_line('a'))
+    character(*), intent(in) :: sentence
+    real(wp), intent(in), optional :: values(:)   !! [units that the sentence names]
+    integer :: from, left, right, n
+    n = 0
+    from = 1
+    do
+      left = from + index(sentence(from:), '{') - 1
+      right = from + index(sentence(from:), '}') - 1
+      if (left < from .or. right < left) exit
+      call self%words%add(sentence(from:left - 1))
+      call one_fact(sentence(left + 1:right - 1))
+      from = right + 1
+    end do
+    call self%words%add(sentence(from:))
+  contains
+    !> What stands in a pair of braces.
+    subroutine one_fact(fact)
+      character(*), intent(in) :: fact
+      character(:), allocatable :: shown, full
+      integer :: mark, decimals
+      mark = index(fact, '=')
+      if (mark > 0) then
+        call self%word('', fact(:mark - 1), fact(mark + 1:))
+        return
+      end if
+      n = n + 1
+      mark = index(fact//' ', ' ')
+      full = json_number(values(n))
+      select case (fact(min(mark + 1, len(fact) + 1):))
+      case ('')
+        shown = to_text(values(n))
+      case ('#')
+        full = to_text(nint(values(n), ip))
+        shown = full
+      case ('%')
+        shown = to_text(anint(100*values(n))/100)
+      case default
+        read (fact(mark + 1:), *) decimals
+        shown = short_text(values(n), decimals)
+      end select
+      call self%words%add(shown)
+      call self%member(fact(:mark - 1), full)
+    end subroutine one_fact
+  end subroutine say
+
+  !> Ends the present line of words; braces as in `say`.
+  subroutine line(self, sentence, values)
+    class(summary_record), intent(inout) :: self
+    character(*), intent(in) :: sentence          !! rest of the line
+    real(wp), intent(in), optional :: values(:)   !! [units that the sentence names]
+    call self%say(sentence//new_line('a'), values)
   end subroutine line
 
-  !> An integer after the words in front of it. `rest` ends the line.
-  subroutine put_integer(self, lead, name, n, rest)
+  !> An object of a list and its line; braces as in `say`.
+  subroutine item(self, sentence, values)
     class(summary_record), intent(inout) :: self
-    character(*), intent(in) :: lead              !! words in front of the number
-    character(*), intent(in) :: name              !! of the figure in summary.json
-    integer, intent(in) :: n                      !! any count
-    character(*), intent(in), optional :: rest    !! words behind it, which end the line
-    call self%put_long(lead, name, int(n, ip), rest)
-  end subroutine put_integer
+    character(*), intent(in) :: sentence
+    real(wp), intent(in), optional :: values(:)   !! [units that the sentence names]
+    call self%open('', '{')
+    call self%line(sentence, values)
+    call self%close()
+  end subroutine item
 
-  !> An integer of 64 bits.
-  subroutine put_long(self, lead, name, n, rest)
+  !> An object with a value for each column, a line each.
+  subroutine table(self, name, columns, values, decimals, rest)
     class(summary_record), intent(inout) :: self
-    character(*), intent(in) :: lead, name
-    integer(ip), intent(in) :: n                  !! any count
-    character(*), intent(in), optional :: rest
-    call self%words%add(lead//to_text(n))
-    call self%member(name, to_text(n))
-    if (present(rest)) call self%line(rest)
-  end subroutine put_long
+    character(*), intent(in) :: name              !! of the object
+    character(*), intent(in) :: columns(:)        !! name[unit]
+    real(wp), intent(in) :: values(:)             !! [of the column]
+    integer, intent(in) :: decimals
+    character(*), intent(in), optional :: rest(:)  !! of the lines
+    integer :: k
+    call self%open(name, '{')
+    do k = 1, size(columns)
+      call self%say('    '//trim(columns(k))//' {'//trim(columns(k))//' '//to_text(decimals)//'}', values(k:k))
+      if (present(rest)) call self%words%add(trim(rest(k)))
+      call self%line('')
+    end do
+    call self%close()
+  end subroutine table
 
-  !> A real number: rounded in the words, in full in the figure.
-  subroutine put_real(self, lead, name, x, decimals, rest)
+  !> An object with a heading of its own.
+  subroutine section(self, name, heading)
     class(summary_record), intent(inout) :: self
-    character(*), intent(in) :: lead, name
-    real(wp), intent(in) :: x                     !! [unit that the words name]
-    integer, intent(in), optional :: decimals     !! of d.ddE+ee; left out: few digits
-    character(*), intent(in), optional :: rest
-    if (present(decimals)) then
-      call self%words%add(lead//es_text(x, decimals))
-    else
-      call self%words%add(lead//to_text(x))
-    end if
-    call self%member(name, json_number(x))
-    if (present(rest)) call self%line(rest)
-  end subroutine put_real
+    character(*), intent(in) :: name, heading
+    call self%line('')
+    call self%line(heading)
+    call self%open(name, '{')
+  end subroutine section
 
-  !> A word.
-  subroutine put_word(self, lead, name, word, rest)
+  !> A fact that is a word, of any letters.
+  subroutine word(self, lead, name, value)
     class(summary_record), intent(inout) :: self
-    character(*), intent(in) :: lead, name
-    character(*), intent(in) :: word              !! any text
-    character(*), intent(in), optional :: rest
-    call self%words%add(lead//word)
-    call self%member(name, json_text(word))
-    if (present(rest)) call self%line(rest)
-  end subroutine put_word
+    character(*), intent(in) :: lead              !! words in front of it
+    character(*), intent(in) :: name              !! of the fact in summary.json
+    character(*), intent(in) :: value
+    call self%words%add(lead//value)
+    call self%member(name, json_text(value))
+  end subroutine word
 
   !> Adds a member with its value as JSON has it; inside a list the name is left out.
   subroutine member(self, name, value)
@@ -161,13 +216,28 @@ contains
     end subroutine exchange_buffer
   end subroutine exchange
 
-  !> Adds a sentence to the list of warnings of summary.json; into the words the caller writes it.
-  subroutine warning(self, sentence)
+  !> Warnings, `warning: ...` in a line each, into the words, the list of summary.json and, with the deck's path, standard error.
+  subroutine warn(self, sentences, in_words)
     class(summary_record), intent(inout) :: self
-    character(*), intent(in) :: sentence
-    if (self%warnings%used > 0) call self%warnings%add(',')
-    call self%warnings%add(new_line('a')//'    '//json_text(sentence))
-  end subroutine warning
+    character(*), intent(in) :: sentences         !! separated by line ends
+    logical, intent(in), optional :: in_words     !! .false.: not into the words
+    integer :: from, to
+    from = 1
+    do while (from <= len(sentences))
+      to = from + index(sentences(from:)//new_line('a'), new_line('a')) - 2
+      associate (sentence => sentences(from:to))
+        if (.not. present(in_words)) call self%words%add('  warning: '//sentence//new_line('a'))
+        if (self%silent) then
+          call self%held_back%add(self%path//': warning: '//sentence//new_line('a'))
+        else
+          call tell(self%path//': warning: '//sentence)
+        end if
+        if (self%warnings%used > 0) call self%warnings%add(',')
+        call self%warnings%add(new_line('a')//'    '//json_text(sentence))
+      end associate
+      from = to + 2
+    end do
+  end subroutine warn
 
   !> All figures as a JSON object.
   function json(self) result(text)

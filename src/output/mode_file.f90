@@ -1,6 +1,6 @@
 !> modes.txt: one row a mode or pole, with its shape as displacements of every body frame and node.
 module mode_file
-  use column_names, only: suffixed, motion_names, motion_row
+  use result_columns, only: motion_columns, motion_row, result_column
   use decimal, only: number_width, write_number
   use kinds, only: wp, pi
   use mode_list, only: mode_set, undamped_mode
@@ -61,15 +61,11 @@ contains
     !> Column names of the shape: those of motion.txt with .re and .im.
     function shape_names() result(text)
       character(:), allocatable :: text
-      character(64), allocatable :: motion(:), names(:)
+      type(result_column), allocatable :: motion(:), columns(:)
       integer :: k
-      motion = motion_names(m)
-      allocate (names(2*size(motion)))
-      do k = 1, size(motion)
-        names(2*k - 1) = suffixed(motion(k), '.re')
-        names(2*k) = suffixed(motion(k), '.im')
-      end do
-      text = joined(names, ' ')
+      motion = motion_columns(m)
+      columns = [([motion(k)%part('.re'), motion(k)%part('.im')], k=1, size(motion))]
+      text = joined(columns%label(), ' ')
     end function shape_names
 
     !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.

@@ -1,6 +1,6 @@
 !> The result files of a transient: history.txt, energy.txt, motion.txt and events.txt, with their headers (README.md).
 module results
-  use column_names, only: motion_names, motion_row
+  use result_columns, only: labels_of, motion_columns, motion_row
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   use archive, only: value_archive
@@ -71,13 +71,13 @@ contains
     self%used = files_of(m, with_motion)
     if (len(folder) == 0) self%used = [integer ::]
     if (len(folder) == 0) return
-    call begin(history, 'sensors against time', joined([character(80) :: 't[s]', list%names(:list%columns)], ' '))
+    call begin(history, 'sensors against time', 't[s] '//joined(list%column%label(), ' '))
     call begin(energies, 'energies, their residual and constraint violations against time', 't[s] kinetic[J] potential[J] '// &
                'dissipated[J] work[J] residual[J] position_violation[m] velocity_violation[m/s]'// &
                either(' stops[J]', '', m%s%stops > 0)// &
                either(' friction[J]', '', m%s%elements > size(m%s%switching)))
     if (with_motion) call begin(motion, 'body frames and node positions against time', &
-                                joined([character(64) :: 't[s]', motion_names(m)], ' '))
+                                't[s] '//joined(labels_of(motion_columns(m)), ' '))
     if (any(self%used == events)) call begin(events, 'events; speed: at touching, 0 where none touches, rad/s where a stop '// &
                                              'limits an angle', 't[s] element from to speed[m/s]')
   contains

@@ -6,45 +6,16 @@ module summary
   use controller, only: delay_limit
   use deck_records, only: deck
   use mechanism, only: mechanism_model
-  use posix, only: tell
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
-  use text, only: either, joined, short_text, to_text
+  use text, only: either, joined, to_text
   implicit none (type, external)
   private
-  public :: model_lines, model_warnings, version, add_warnings, tell_warnings
+  public :: model_lines, version
 
   character(*), parameter :: version = '0.1.0'   !! of the program
 
 contains
-
-  !> Adds lines of warnings to a summary and writes them to standard error.
-  subroutine add_warnings(text, path, warnings)
-    type(summary_record), intent(inout) :: text
-    character(*), intent(in) :: path
-    character(*), intent(in) :: warnings       !! each ends with a new line
-    call text%words%add(warnings)
-    call tell_warnings(text, path, warnings)
-  end subroutine add_warnings
-
-  !> Writes warnings to standard error with the deck's path, and adds them to the summary's list.
-  subroutine tell_warnings(text, path, warnings)
-    type(summary_record), intent(inout) :: text
-    character(*), intent(in) :: path
-    character(*), intent(in) :: warnings       !! lines `warning: ...`, each ends with a new line
-    integer :: from, to
-    from = 1
-    do while (from <= len(warnings))
-      to = from + index(warnings(from:), new_line('a')) - 2
-      if (text%silent) then
-        call text%held_back%add(path//': '//warnings(from:to)//new_line('a'))
-      else
-        call tell(path//': '//warnings(from:to))
-      end if
-      call text%warning(warnings(from + len('warning: '):to))
-      from = to + 2
-    end do
-  end subroutine tell_warnings
 
   !> What was modelled: bodies and their coordinates, constraints, degrees of freedom, redundant joints.
   subroutine model_lines(d, m, report, text)
@@ -54,96 +25,81 @@ contains
     type(summary_record), intent(inout) :: text
     integer :: k
     call text%member('version', json_text(version))
-    call text%figure('deck: ', 'deck', d%name, '')
-    if (len(d%scene%title) > 0) call text%line('title: '//one_line(d%scene%title))
+    call text%line('deck: {deck='//d%name//'}')
+    if (len(d%scene%title) > 0) call text%words%add('title: '//one_line(d%scene%title)//new_line('a'))
     call text%member('title', json_text(d%scene%title))
     if (size(d%parameters) > 0) then
       call text%open('parameters', '{')
+      call text%say('parameters:')
       do k = 1, size(d%parameters)
-        call text%member(trim(d%parameters(k)%name), json_number(d%parameters(k)%value))
+        call text%say(either('', ',', k == 1)//' '//trim(d%parameters(k)%name)//' = {'//trim(d%parameters(k)%name)//'}', &
+                      d%parameters(k:k)%value)
       end do
+      call text%line('')
       call text%close()
     end if
-    call text%line('')
-    call text%line('model')
-    call text%open('model', '{')
+    call text%section('model', 'model')
     call text%open('bodies', '[')
     do k = 1, size(m%s%bodies)
       call body_line(m%s%bodies(k), k)
     end do
     call text%close()
-    call text%figure('  coordinates: ', 'frame_coordinates', 3*size(m%s%bodies))
-    call text%figure(' of frames + ', 'elastic_coordinates', m%s%nq - 3*size(m%s%bodies))
-    call text%figure(' elastic = ', 'coordinates', m%s%nq, '')
-    associate (terms => m%s%nz - sum(m%s%controllers%states))
-      call text%figure('  dissipative coordinates: ', 'dissipative_coordinates', terms)
-      if (m%s%nzd < terms) call text%figure(', of first order: ', 'dissipative_coordinates_of_first_order', terms - m%s%nzd)
+    associate (s => m%s, terms => m%s%nz - sum(m%s%controllers%states))
+      call text%line('  coordinates: {frame_coordinates #} of frames + {elastic_coordinates #} elastic = {coordinates #}', &
+                     [real(wp) :: 3*size(s%bodies), s%nq - 3*size(s%bodies), s%nq])
+      call text%say('  dissipative coordinates: {dissipative_coordinates #}', [real(wp) :: terms])
+      if (s%nzd < terms) call text%say(', of first order: {dissipative_coordinates_of_first_order #}', [real(wp) :: terms - s%nzd])
+      call text%line('')
+      if (size(s%controllers) > 0) call control_lines(m, text)
+      call text%line('  constraints (multipliers): {constraints #}, independent at the start: {independent_constraints #}', &
+                     [real(wp) :: s%permanent_rows, report%rank])
+      call text%line('  degrees of freedom: {degrees_of_freedom #}', [real(wp) :: report%freedoms])
+      if (report%rank < s%permanent_rows) call text%line('  redundant constraints: {redundant_constraints #} at the start, '// &
+        'among'// &
+        undetermined(m, report, size(report%dependent)), [real(wp) :: s%permanent_rows - report%rank])
     end associate
-    call text%line('')
-    if (size(m%s%controllers) > 0) call control_lines(m, text)
-    call text%figure('  constraints (multipliers): ', 'constraints', m%s%permanent_rows)
-    call text%figure(', independent at the start: ', 'independent_constraints', report%rank, '')
-    call text%figure('  degrees of freedom: ', 'degrees_of_freedom', report%freedoms, '')
-    call redundancy()
     call frame_notes(m, text)
-    do k = 1, size(report%warnings)
-      call text%line('  warning: '//trim(report%warnings(k)))
-    end do
+    call text%warn(model_warnings(d, m, report))
     call text%close()
   contains
     !> One body: which coordinates it has, and why.
     subroutine body_line(b, k)
       type(body_model), intent(in) :: b
       integer, intent(in) :: k
-      character(:), allocatable :: kind
+      character(:), allocatable :: words
       logical :: modal
       call text%open('', '{')
-      call text%figure('  body "', 'name', trim(b%name))
-      kind = trim(d%bodies(k)%kind)
       if (.not. b%flexible) then
-        call text%figure('": ', 'model', 'rigid')
-        call text%member('kind', json_text(kind))
-        call text%words%add(', 3 coordinates')
-        if (kind /= 'rigid') call text%words%add(' ('//kind//' with flexible=.false.)')
-        call text%line('')
+        words = '  body "{name='//trim(b%name)//'}": {model=rigid}, 3 coordinates'
+        if (d%bodies(k)%kind /= 'rigid') words = words//' ('//trim(d%bodies(k)%kind)//' with flexible=.false.)'
+        call text%line(words)
+        call text%member('kind', json_text(trim(d%bodies(k)%kind)))
         call text%close()
         return
       end if
       modal = b%basis%reduced_from > 0
-      call text%member('model', json_text(merge('modal', 'nodal', modal)))
-      call text%figure('": ', 'kind', kind)
-      call text%figure(' of ', 'elements', b%ne)
-      call text%figure(' elements, reference ', 'reference', trim(d%bodies(k)%reference))
-      call text%figure(', 3 + ', 'elastic_coordinates', b%nf)
+      call text%member('model', json_text(either('modal', 'nodal', modal)))
+      call text%say('  body "{name='//trim(b%name)//'}": {kind='//trim(d%bodies(k)%kind)//'} of {elements #} elements, '// &
+                    'reference {reference='//trim(d%bodies(k)%reference)//'}, 3 + {elastic_coordinates '// &
+                                  '#}', [real(wp) :: b%ne, b%nf])
       if (modal) then
-        call text%words%add(' modes')
-        if (d%bodies(k)%static_shapes) then
-          call text%figure(', ', 'static_shapes', b%basis%static_shapes)
-          call text%words%add(' of them static shapes,')
-        end if
-        call text%figure(' of ', 'nodal_coordinates', b%basis%reduced_from)
-        call text%words%add(' nodal coordinates')
+        words = ' modes'
+        if (d%bodies(k)%static_shapes) words = words//', {static_shapes #} of them static shapes,'
+        words = words//' of {nodal_coordinates #} nodal coordinates'
+        if (.not. b%axial) words = words//', no axial deformation'
+        call text%say(words, pack([real(wp) :: b%basis%static_shapes, b%basis%reduced_from], [d%bodies(k)%static_shapes, .true.]))
       else
-        call text%words%add(' elastic coordinates ('//to_text(3*b%nn)//' nodal ones')
-        if (.not. b%axial) call text%words%add(' without the axial ones')
-        call text%words%add(' less the reference conditions)')
+        call text%say(' elastic coordinates ({nodal_coordinates #} nodal ones'// &
+                      either('', ' without the axial ones', b%axial)//' less the reference conditions)', [real(wp) :: 3*b%nn])
       end if
-      if (modal .and. .not. b%axial) call text%words%add(', no axial deformation')
-      if (b%stiffening) call text%words%add(', geometric stiffening')
+      if (b%stiffening) call text%say(', geometric stiffening')
       call text%member('dissipative_coordinates', to_text(b%nz))
-      call text%figure(', ', 'damping', damping_words(d, b, k))
-      if (b%extra_references > 0) call text%words%add('; '//to_text(b%extra_references)// &
-                                               ' reference conditions more than needed: stiffer than the structure')
+      call text%word(', ', 'damping', damping_words(d, b, k))
+      if (b%extra_references > 0) call text%say('; {extra_references #} reference conditions more than needed: stiffer than '// &
+                                                'the structure', [real(wp) :: b%extra_references])
       call text%line('')
       call text%close()
     end subroutine body_line
-
-    !> Names the joints of redundant sets.
-    subroutine redundancy()
-      if (report%rank == m%s%permanent_rows) return
-      call text%figure('  redundant constraints: ', 'redundant_constraints', m%s%permanent_rows - report%rank, &
-                       ' at the start, among'//undetermined(m, report, size(report%dependent)))
-    end subroutine redundancy
   end subroutine model_lines
 
   !> States of the controllers, and how far the approximations of delays go.
@@ -151,15 +107,16 @@ contains
     type(mechanism_model), intent(in) :: m
     type(summary_record), intent(inout) :: text
     integer :: k
-    call text%figure('  controllers: ', 'controllers', size(m%s%controllers))
-    call text%figure(', their states: ', 'controller_states', sum(m%s%controllers%states), '')
+    call text%line('  controllers: {controllers #}, their states: {controller_states #}', &
+                   [real(wp) :: size(m%s%controllers), sum(m%s%controllers%states)])
+    call text%open('delay_limits', '{')
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k))
-        if (.not. c%delay > 0.0_wp) cycle
-        call text%line('  note: the delay of controller "'//trim(c%name)//'" is its Pade approximation of order 3, whose phase '// &
-                       'errs by 5 degrees at '//short_text(delay_limit(c%delay), 4)//' Hz and by more above')
+        if (c%delay > 0.0_wp) call text%line('  note: the delay of controller "'//trim(c%name)//'" is its Pade approximation '// &
+          'of order 3, whose phase errs by 5 degrees at {'//trim(c%name)//' 4} Hz and by more above', [delay_limit(c%delay)])
       end associate
     end do
+    call text%close()
   end subroutine control_lines
 
   !> What damps a body: the number of dissipative coordinates with its reason, Rayleigh damping.
@@ -210,28 +167,29 @@ contains
     text = text//'; the reactions of these joints are not determined by rigid-body mechanics (minimum-norm values are reported)'
   end function undetermined
 
-  !> The warnings of the model's part of the summary, one line each.
-  function model_warnings(m, report) result(text)
+  !> Its warnings, one a line.
+  function model_warnings(d, m, report) result(text)
+    type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(assembly_report), intent(in) :: report
     character(:), allocatable :: text
     integer :: k
     text = ''
     do k = 1, size(report%warnings)
-      text = text//'warning: '//trim(report%warnings(k))//new_line('a')
+      text = text//trim(report%warnings(k))//new_line('a')
     end do
-    if (report%rank < m%s%permanent_rows) text = text//'warning: redundant constraints at the start among'// &
+    if (report%rank < m%s%permanent_rows) text = text//'redundant constraints at the start among'// &
                                                  undetermined(m, report, 3)//new_line('a')
     do k = 1, size(m%s%bodies)
-      if (m%s%bodies(k)%extra_references > 0) text = text//'warning: body "'//trim(m%s%bodies(k)%name)//'" has '// &
+      if (m%s%bodies(k)%extra_references > 0) text = text//'body "'//trim(m%s%bodies(k)%name)//'" has '// &
         to_text(m%s%bodies(k)%extra_references)//' reference conditions more than needed: stiffer than the structure'// &
         new_line('a')
-      text = text//weak_frame(m%s%bodies(k))
+      if (d%transient%present) text = text//weak_frame(m%s%bodies(k))
     end do
   end function model_warnings
 
-  !> Warns where the frame stands at a node of a mesh so fine that rounding reaches the inertia with which it turns (theory.md,
-  !> section 7); empty elsewhere.
+  !> Warns where the frame stands at a node of a mesh so fine that rounding reaches the inertia with which it turns in a
+  !> transient (theory.md, section 7); equilibria, modes and responses do not feel it. Empty elsewhere.
   function weak_frame(b) result(text)
     type(body_model), intent(in) :: b
     character(:), allocatable :: text
@@ -242,7 +200,7 @@ contains
     y = b%shape%c0
     call b%basis%solve_mass(b%nf, work, y)
     if (b%i11 - dot_product(b%shape%c0, y) > least*b%i11) return
-    text = 'warning: body "'//trim(b%name)//'" is clamped at a node of so fine a mesh that rounding may spoil accelerations '// &
+    text = 'body "'//trim(b%name)//'" is clamped at a node of so fine a mesh that rounding may spoil accelerations '// &
            'and reactions there; expected reference=''pinned'' or fewer elements'//new_line('a')
   end function weak_frame
 

@@ -183,7 +183,7 @@ contains
     character(:), allocatable :: text, number
     number = trim(adjustl(es_text(x, 2)))
     if (x >= 0.01_wp .and. x < 1.0e4_wp) number = fixed_text(x, 2)
-    text = 'warning: '//stage//'body "'//trim(body%name)//'" '//what//' '//number//' '//rest//new_line('a')
+    text = stage//'body "'//trim(body%name)//'" '//what//' '//number//' '//rest//new_line('a')
   end function sentence
 
   !> Adds the body's lowest mode to its elastic coordinates, as large as the linear frame holds.

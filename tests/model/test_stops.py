@@ -260,7 +260,7 @@ def test_contact_stiffness_joins_the_current_bound(run_deck):
     deck += "&transient t_end=0.3 method='rk4' step=1e-3 output_step=0.1 /\n"
     run = run_deck(SCENE + deck)
     assert run.transient["smallest_bound_in_contact"] == pytest.approx(np.sqrt(8 * MASS / 1e4), rel=1e-5)
-    assert 'while stops touched:  4.0000E-02 s (stop "floor")' in run.summary
+    assert 'while stops touched: 4.0000E-02 s (stop "floor")' in run.summary
 
 
 def test_contact_damping_joins_the_current_bound(run_deck):

@@ -8,12 +8,12 @@ module accuracy_run
   use errors, only: failure, status_failed
   use mechanism_ode, only: mechanism_system
   use posix, only: standard_error, write_bytes
-  use readable_text, only: json_text
   use run_summary, only: announce
-  use scene_run, only: run_state, no_output, warn
+  use scene_run, only: run_state, no_output
   use step_counts, only: step_count
   use step_monitor, only: stability_monitor, method_number
-  use stored_pass, only: compared_names
+  use result_columns, only: labels_of, result_column
+  use stored_pass, only: compared_columns
   use summary_text, only: json_number, summary_record
   use text, only: either, short_text, to_text
   use transient, only: run_transient, transient_march
@@ -38,7 +38,7 @@ contains
     logical :: ok
     allocate (start_system, source=run%sys)
     start_state = run%y
-    columns = size(compared_names(run))
+    columns = size(compared_columns(run))
     call march%ladder%begin(run%d, run%stable_steps, columns)
     allocate (march%rows%values(columns, 0:step_count(0.0_wp, run%d%transient%t_end, run%d%transient%output_step)), source=0.0_wp)
     if (run%restart) call march%ladder%exchange(run%saved)
@@ -93,6 +93,7 @@ contains
     type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
     type(pass_record) :: pass
+    type(result_column), allocatable :: columns(:)
     real(wp), allocatable :: apart(:)         ! (columns, then events) differences over what is asked [-]
     associate (ladder => march%ladder, c => march%check)
       pass = ladder%passes(ladder%count)
@@ -113,6 +114,7 @@ contains
       end if
       if (pass%outcome == finished) then
         ladder%found = summary_record(silent=.true.)
+        ladder%found%path = run%d%path
         call transient_lines(run, march, fail%status, ladder%found)
         call march%rows%turn()
       else
@@ -123,20 +125,11 @@ contains
       if (pass%differ_at >= 0.0_wp) then
         ladder%because = ', for the sequence of events'
       else if (pass%apart > 1.0_wp) then
-        ladder%because = ', for '//compared_name(run, pass%column)
+        columns = compared_columns(run)
+        ladder%because = ', for '//columns(pass%column)%label()
       end if
     end associate
   end subroutine end_pass
-
-  !> Name of a column that is compared.
-  function compared_name(run, column) result(name)
-    type(run_state), intent(in) :: run
-    integer, intent(in) :: column
-    character(:), allocatable :: name
-    character(80), allocatable :: names(:)
-    names = compared_names(run)
-    name = trim(names(column))
-  end function compared_name
 
   !> What was tried, which columns have an absolute accuracy, what was chosen and why, and what it cost.
   subroutine ladder_lines(run, march, text)
@@ -145,37 +138,33 @@ contains
     type(summary_record), intent(inout) :: text
     character(80), allocatable :: names(:)
     integer :: k
-    names = compared_names(run)
+    names = labels_of(compared_columns(run))
     associate (ladder => march%ladder)
       call text%line('')
       call text%open('accuracy', '{')
-      call text%figure('accuracy of ', 'asked', run%d%transient%accuracy, &
-                       rest=' of the range of each column, kept where two passes agree so well; cost in explicit evaluations')
+      call text%line('accuracy of {asked} of the range of each column, kept where two passes agree so well; cost in explicit '// &
+                     'evaluations', [run%d%transient%accuracy])
       call text%open('passes', '[')
       do k = 1, ladder%count
         call pass_line(ladder%passes(k), k, names, text)
       end do
       call text%close()
       if (any(ladder%absolute > 0.0_wp)) then
-        call text%open('absolute', '{')
         call text%line('  absolute accuracy of columns with a floor, or a range below a thousandth of the largest of their kind:')
-        do k = 1, size(names)
-          if (ladder%absolute(k) > 0.0_wp) call text%figure('    '//trim(names(k))//' ', trim(names(k)), ladder%absolute(k), 2, &
-                                                            rest='')
-        end do
-        call text%close()
+        call text%table('absolute', pack(names, ladder%absolute > 0.0_wp), pack(ladder%absolute, ladder%absolute > 0.0_wp), 2)
       end if
-      if (len_trim(ladder%choice) > 0) call text%line('  choice: '//trim(ladder%choice))
-      call text%figure('  cost of all passes: ', 'cost', nint(sum(ladder%passes(1:ladder%count)%cost), ip), rest='')
+      if (len_trim(ladder%choice) > 0) call text%line('  choice: {choice='//trim(ladder%choice)//'}')
+      call text%line('  cost of all passes: {cost #}', [sum(ladder%passes(1:ladder%count)%cost)])
       if (ladder%over) call text%member('kept', either('true', 'false', ladder%kept))
       if (ladder%over .and. ladder%delivered > 0) then
         call text%open('not_kept', '[')
         do k = 1, size(names)
-          if (ladder%apart(k) > 1.0_wp) call text%member('', json_text(trim(names(k))))
+          if (ladder%apart(k) > 1.0_wp) call text%line('  accuracy not kept: {='//trim(names(k))//'}')
         end do
         call text%close()
       end if
-      if (ladder%delivered > 0) call text%figure('  the results are those of pass ', 'results_of_pass', ladder%delivered, rest='')
+      if (ladder%delivered > 0) call text%line('  the results are those of pass {results_of_pass '// &
+                    '#}', [real(wp) :: ladder%delivered])
       if (ladder%kept) call text%line('  accuracy: kept, the last two passes agree in all columns and events')
       call text%close()
     end associate
@@ -187,25 +176,20 @@ contains
     integer, intent(in) :: k                  !! number of the pass
     character(*), intent(in) :: names(:)      !! of the columns
     type(summary_record), intent(inout) :: text
-    character(*), parameter :: endings(2:3) = [character(10) :: 'given up', 'lost']
+    character(*), parameter :: endings(2:3) = [character(8) :: 'given up', 'lost']
     call text%open('', '{')
-    call text%figure('  pass '//to_text(k)//': ', 'method', trim(pass%method))
-    call text%words%add(setting_words(pass))
-    call text%member(either('step', 'tolerance', has_fixed_steps(pass%method)), json_number(pass%setting))
+    call text%say('  pass '//to_text(k)//': {method='//trim(pass%method)//'}, '//either('step {step} s', 'tolerance {tolerance}', &
+                                                                       has_fixed_steps(pass%method)), [pass%setting])
     if (pass%outcome == under_way) then
-      call text%words%add(', under way')
+      call text%say(', under way')
     else
-      call text%figure(', cost ', 'cost', nint(pass%cost, ip))
-      call text%member('reached', json_number(pass%reached))
+      call text%say(', cost {cost #}', [pass%cost])
+      if (pass%outcome > finished) call text%say(', '//trim(endings(pass%outcome))//' at t = {reached 3} s', [pass%reached])
+      if (pass%outcome == finished) call text%member('reached', json_number(pass%reached))
     end if
-    if (pass%outcome > finished) call text%words%add(', '//trim(endings(pass%outcome))//' at t = '// &
-                                                     short_text(pass%reached, 3)//' s')
-    if (pass%other > 0) then
-      call text%figure('; '//trim(names(pass%column))//' differs by ', 'worst_error_of_asked', pass%apart, 1)
-      call text%words%add(' of what is asked from pass '//to_text(pass%other))
-      call text%member('worst_column', json_text(trim(names(pass%column))))
-    end if
-    if (pass%differ_at >= 0.0_wp) call text%figure('; events differ from t [s] = ', 'events_differ_from', pass%differ_at, 3)
+    if (pass%other > 0) call text%say('; {worst_column='//trim(names(pass%column))//'} differs by {worst_error_of_asked 1} of '// &
+                                      'what is asked from pass {compared_with #}', [real(wp) :: pass%apart, pass%other])
+    if (pass%differ_at >= 0.0_wp) call text%say('; events differ from t = {events_differ_from 3} s', [pass%differ_at])
     call text%line('')
     call text%close()
   end subroutine pass_line
@@ -219,7 +203,7 @@ contains
     character(:), allocatable :: words
     integer, parameter :: most = 5            ! columns named
     integer :: k, n
-    names = compared_names(run)
+    names = labels_of(compared_columns(run))
     associate (ladder => march%ladder, pass => march%ladder%passes(march%ladder%delivered))
       words = 'the accuracy is not kept: '//trim(ladder%reason)
       if (pass%differ_at >= 0.0_wp) words = words//'; events of the last two passes differ from t = '// &
@@ -238,6 +222,6 @@ contains
         if (n < size(names) .and. pass%differ_at < 0.0_wp) words = words//'; the other columns keep it'
       end if
     end associate
-    call warn(run, words, text)
+    call text%warn(words)
   end subroutine warn_not_kept
 end module accuracy_run

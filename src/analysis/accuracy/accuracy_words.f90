@@ -7,11 +7,11 @@ module accuracy_words
   use column_ranges, only: column_range
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
-  use scene_run, only: run_state, warn
-  use stored_pass, only: compared_names
+  use scene_run, only: run_state
+  use result_columns, only: result_column
+  use stored_pass, only: compared_columns
   use summary_text, only: json_number, summary_record
-  use readable_text, only: json_text
-  use text, only: either, es_text, short_text, to_text
+  use text, only: either, short_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
   private
@@ -54,71 +54,71 @@ contains
     type(summary_record), intent(inout) :: text
     real(wp), allocatable :: e(:), range(:), x(:), asked(:)   ! [of the column], x of the range [-]
     type(column_range) :: seen
-    character(80), allocatable :: names(:)
+    type(result_column), allocatable :: columns(:)
     logical, allocatable :: too_large(:)
     character(:), allocatable :: doubt
     integer :: k
-    names = compared_names(run)
+    columns = compared_columns(run)
     associate (c => march%check)
-      names = names(:size(c%error))            ! without sensors a second run compares nothing
+      columns = columns(:size(c%error))            ! without sensors a second run compares nothing
       seen = march%compared_range()
-      range = seen%moved(run%sys%m%s, names, run%d%transient%t_end)
+      range = seen%moved(run%sys%m%s, columns, run%d%transient%t_end)
       e = c%error_ratio*c%error
       asked = spread(huge(1.0_wp), 1, size(e))
       if (c%stored) asked = asked_errors(run, seen)
       if (c%differ_at >= 0.0_wp) e = c%error_ratio*c%agreed
       if (c%stored) then
         associate (other => march%ladder%passes(march%ladder%stored))
-          call text%line('  estimated errors, the difference from pass '//to_text(march%ladder%stored)//' ('//trim(other%method)// &
-                         setting_words(other)//'):')
+          call text%line('  estimated errors, the difference from pass {compared_with #} ('//trim(other%method)// &
+                         setting_words(other)//'):', [real(wp) :: march%ladder%stored])
         end associate
       else
-        call text%line('  estimated errors, from a second run with '//either('a tenth of the tolerance', &
-          'half the step', run%d%transient%adaptive)//' ('//to_text(c%sys%ev%evaluations)//' evaluations):')
+        call text%line('  estimated errors, from a second run with '//either('a tenth of the tolerance', 'half the step', &
+          run%d%transient%adaptive)//' ({second_evaluations #} evaluations):', [real(wp) :: c%sys%ev%evaluations])
       end if
       if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
       too_large = e > asked
       if (allocated(run%model_error)) where (asked < huge(1.0_wp)) e = e + run%model_error
-      call column_lines('estimated_errors', names, e, range, text, too_large)
+      call column_lines('estimated_errors', columns, e, range, text, too_large)
       call event_words(run, c, text)
       if (c%stored) return
-      call text%line('  energy residual of the second run: largest '//es_text(c%balance%largest_residual, 3)//' J')
+      call text%line('  energy residual of the second run: largest {second_energy_residual 3} J', [c%balance%largest_residual])
       doubt = doubts(march%balance, c)
-      if (len(doubt) > 0) call warn(run, doubt, text)
+      if (len(doubt) > 0) call text%warn(doubt)
       if (size(e) == 0) return
       x = 0*e
       where (range > 0.0_wp) x = e/range
       k = maxloc(x, 1)
-      if (len(doubt) > 0) then
-        call text%line('  accuracy: unknown, columns may err by more than was estimated')
-      else
-        call text%line('  accuracy: the worst column, '//trim(names(k))//', errs by an estimated '//short_text(x(k), 1)// &
-                      ' of its range')
-      end if
-      call text%member('worst_column', json_text(trim(names(k))))
-      call text%member('worst_error_of_range', json_number(x(k)))
-      if (x(k) > noticed) call warn(run, to_text(count(x > noticed))//' of '//to_text(size(x))//' columns err by more than '// &
-        short_text(noticed, 1)//' of their range, the worst, '//trim(names(k))//', by an estimated '//short_text(x(k), 1)// &
-        '; use a smaller step or tolerance', text)
+      call text%line('  accuracy: '//either('unknown, columns may err by more than was estimated; the worst one: ', &
+        'the worst column, ', len(doubt) > 0)//'{worst_column='//trim(columns(k)%label())//'}'//either(', ', ', errs by an '// &
+        'estimated ', &
+        len(doubt) > 0)//'{worst_error_of_range 1} of its range', x(k:k))
+      if (x(k) > noticed) call text%warn(to_text(count(x > noticed))//' of '//to_text(size(x))//' columns err by more than '// &
+        short_text(noticed, 1)//' of their range, the worst, '//trim(columns(k)%label())//', by an '// &
+        'estimated '//short_text(x(k), 1)// &
+        '; use a smaller step or tolerance')
     end associate
   end subroutine error_lines
 
   !> Errors of columns.
   subroutine column_lines(name, columns, error, range, text, too_large)
     character(*), intent(in) :: name           !! in summary.json
-    character(*), intent(in) :: columns(:)
+    type(result_column), intent(in) :: columns(:)
     real(wp), intent(in) :: error(:), range(:)   !! [of the column]
     type(summary_record), intent(inout) :: text
     logical, intent(in), optional :: too_large(:)
-    character(:), allocatable :: share
+    character(64) :: share(size(error))
     integer :: k
     call text%line('    column, largest error, of its range')
-    call text%open(name, '{')
     do k = 1, size(error)
-      share = '  (constant but for rounding)'
-      if (range(k) > 0.0_wp) share = ' '//es_text(error(k)/range(k), 1)
-      if (present(too_large)) share = share//either(', more than is asked', '', too_large(k))
-      call text%figure('    '//trim(columns(k))//' ', trim(columns(k)), error(k), 2, rest=share)
+      share(k) = '  (constant but for rounding)'
+      if (range(k) > 0.0_wp) share(k) = ' '//short_text(error(k)/range(k), 1)
+      if (present(too_large)) share(k) = trim(share(k))//either(', more than is asked', '', too_large(k))
+    end do
+    call text%table(name, columns%label(), error, 2, share)
+    call text%open(name//'_of_range', '{')
+    do k = 1, size(error)
+      if (range(k) > 0.0_wp) call text%member(trim(columns(k)%label()), json_number(error(k)/range(k)))
     end do
     call text%close()
   end subroutine column_lines
@@ -132,27 +132,23 @@ contains
     real(wp), intent(out), optional :: absolute(:)   !! (columns) that error where the range alone does not set it, else 0 [of it]
     real(wp), allocatable :: asked(:)
     real(wp), allocatable :: range(:)          ! [of the column]
-    character(80), allocatable :: names(:), kind(:)
+    type(result_column), allocatable :: columns(:)
+    logical, allocatable :: alike(:)
     real(wp) :: accuracy, floor, counted       ! [-], [of the column]
     integer :: k, n
-    names = compared_names(run)
-    range = seen%moved(run%sys%m%s, names, run%d%transient%t_end)
-    kind = names
-    do k = 1, size(names)
-      kind(k) = names(k)(index(names(k), '['):)
-      n = count(run%list%first <= k)           ! its sensor
-      if (n > 0) kind(k) = trim(run%d%sensors(n)%quantity)//kind(k)
-    end do
-    asked = spread(huge(1.0_wp), 1, size(names))
+    columns = compared_columns(run)
+    range = seen%moved(run%sys%m%s, columns, run%d%transient%t_end)
+    asked = spread(huge(1.0_wp), 1, size(columns))
     if (present(absolute)) absolute = 0.0_wp
-    do k = 1, size(names)
-      if (.not. range(k) > 0.0_wp .or. index(names(k), '[-]') > 0) cycle
+    do k = 1, size(columns)
+      if (.not. range(k) > 0.0_wp .or. columns(k)%unit == '-') cycle
       accuracy = run%d%transient%accuracy
       floor = 0.0_wp
       n = count(run%list%first <= k)
       if (n > 0) floor = run%d%sensors(n)%floor
       if (n > 0) accuracy = merge(run%d%sensors(n)%accuracy, accuracy, run%d%sensors(n)%accuracy > 0.0_wp)
-      counted = max(range(k), least_range*maxval(range, kind == kind(k)))
+      alike = columns%quantity == columns(k)%quantity .and. columns%unit == columns(k)%unit
+      counted = max(range(k), least_range*maxval(range, alike))
       asked(k) = max(accuracy*counted, floor)
       if (present(absolute) .and. asked(k) > accuracy*range(k)) absolute(k) = asked(k)
     end do
@@ -165,12 +161,12 @@ contains
     type(error_watch), intent(in) :: c
     type(summary_record), intent(inout) :: text
     if (run%sys%roots == 0) return
-    call text%figure('  events of both runs: ', 'events_compared', c%matched)
-    call text%figure(', their times err by an estimated ', 'event_time_error', c%error_ratio*c%event_error, 2, rest=' s at most')
+    call text%line('  events of both runs: {events_compared #}, their times err by an estimated {event_time_error 2} s at most', &
+                   [real(wp) :: c%matched, c%error_ratio*c%event_error])
     if (c%differ_at < 0.0_wp) return
-    call text%member('events_differ_from', json_number(c%differ_at))
-    call warn(run, 'from t = '//short_text(c%differ_at, 6)//' s on the event sequences of both runs differ: rows beyond are '// &
-              'not predictable, and their errors not estimated', text)
+    call text%line('  events differ from t = {events_differ_from 6} s', [c%differ_at])
+    call text%warn('from t = '//short_text(c%differ_at, 6)//' s on the event sequences of both runs differ: rows beyond are '// &
+                   'not predictable, and their errors not estimated')
   end subroutine event_words
 
   !> Why the estimate may be too small; empty: no reason. A vibration that both runs damp away is missing in both: the second

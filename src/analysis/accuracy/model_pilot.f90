@@ -11,7 +11,8 @@ module model_pilot
   use scene_run, only: run_state, prepare_run
   use static_analysis, only: run_static
   use step_counts, only: step_count
-  use stored_pass, only: compared_names, pass_rows
+  use result_columns, only: result_column
+  use stored_pass, only: compared_columns, pass_rows
   use summary_text, only: summary_record
   use text, only: either
   use transient, only: run_transient, transient_march
@@ -22,7 +23,7 @@ module model_pilot
 
   !> What a pilot has shown; errors are told by the difference from the pilot of a better model.
   type, public :: pilot_result
-    character(80), allocatable :: names(:)    !! of the columns
+    type(result_column), allocatable :: columns(:)
     type(pass_rows) :: rows
     real(wp), allocatable :: error(:)         !! (columns) [of the column]
     real(wp), allocatable :: range(:)         !! (columns) 0: rounding [of the column]
@@ -101,15 +102,16 @@ contains
     self%count = self%count + 1
     if (faults%count > 0) call fail%raise(status_failed, 'a pilot cannot be built: '//faults%items(1)%message)
     unread = summary_record(silent=.true.)
+    unread%path = d%path
     if (d%static%present .and. .not. fail%happened()) call run_static(run, unread, fail)
     if (fail%happened()) return
     run%sys%options%stage = stage_transient
-    found%names = compared_names(run)
+    found%columns = compared_columns(run)
     march%budget = (most_work - self%work)/run%sys%m%s%ny
     if (present(reference)) then
       march%rows = reference%rows
     else
-      allocate (march%rows%values(size(found%names), 0:step_count(0.0_wp, d%transient%t_end, d%transient%output_step)))
+      allocate (march%rows%values(size(found%columns), 0:step_count(0.0_wp, d%transient%t_end, d%transient%output_step)))
     end if
     call run_transient(run, march, fail)
     self%cost = self%cost + march%cost(run)
@@ -123,7 +125,7 @@ contains
     if (.not. present(reference)) return
     found%error = self%factor*march%check%error
     seen = march%compared_range()
-    found%range = seen%moved(run%sys%m%s, found%names, d%transient%t_end)
+    found%range = seen%moved(run%sys%m%s, found%columns, d%transient%t_end)
     found%asked = asked_errors(run, seen)
   end subroutine run_pilot
 end module model_pilot

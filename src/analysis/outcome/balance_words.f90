@@ -2,9 +2,9 @@
 module balance_words
   use kinds, only: wp
   use energy_balance, only: balance_watch
-  use scene_run, only: run_state, warn
-  use summary_text, only: json_number, summary_record
-  use text, only: es_text, short_text
+  use scene_run, only: run_state
+  use summary_text, only: summary_record
+  use text, only: short_text
   use transient, only: transient_march
   implicit none (type, external)
   private
@@ -21,17 +21,13 @@ contains
     type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
     associate (b => march%balance)
-      call text%figure('  largest violations: position ', 'position_violation', b%violation(1), 3)
-      call text%figure(' m (', 'position_violation_of_size', b%violation(1)/run%sys%m%s%size, 3)
-      call text%figure(' of the size), velocity ', 'velocity_violation', b%violation(2), 3, rest=' m/s')
-      call text%figure('  energy residual: largest ', 'energy_residual', b%largest_residual, 3)
-      call text%figure(' J, at the end ', 'energy_residual_at_end', b%row(5), 3)
-      call text%figure(' J; largest swing of an energy ', 'energy_swing', maxval(b%kinds%high - b%kinds%low), 3, rest=' J')
-      if (run%d%transient%method == 'generalized_alpha' .or. run%d%transient%method == 'radau') then
-        call text%figure('  energy removed by the method itself: ', 'energy_removed', march%method%removed, 3)
-        call text%line(' J, numerical damping that the residual shows; without it the residual at the end: '// &
-                       es_text(b%row(5) + march%method%removed, 3)//' J')
-      end if
+      call text%line('  largest violations: position {position_violation 3} m ({position_violation_of_size 3} of the size), '// &
+                     'velocity {velocity_violation 3} m/s', [b%violation(1), b%violation(1)/run%sys%m%s%size, b%violation(2)])
+      call text%line('  energy residual: largest {energy_residual 3} J, at the end {energy_residual_at_end 3} J; largest swing '// &
+                     'of an energy {energy_swing 3} J', [b%largest_residual, b%row(5), maxval(b%kinds%high - b%kinds%low)])
+      if (run%d%transient%method == 'generalized_alpha' .or. run%d%transient%method == 'radau') call text%line( &
+        '  energy removed by the method itself: {energy_removed 3} J, numerical damping that the residual shows; without it '// &
+        'the residual at the end: {energy_residual_without_removed 3} J', [march%method%removed, b%row(5) + march%method%removed])
     end associate
   end subroutine closing_lines
 
@@ -51,19 +47,20 @@ contains
       end if
       energy = 'the energy that moved'
       if (.not. b%exchanged()) energy = 'the kinetic energy, which is constant'
-      call text%line('  energy balance: closed to '//short_text(b%share(), 1)//' of '//energy)
-      call text%member('energy_balance', json_number(b%share()))
-      if (b%share() > distrusted) call warn(run, 'the energy balance is off by '//short_text(b%share(), 1)// &
+      call text%line('  energy balance: closed to {energy_balance 1} of '//energy, [b%share()])
+      if (b%share() > distrusted) call text%warn('the energy balance is off by '//short_text(b%share(), 1)// &
         ' of '//energy//': the results cannot be trusted; use a smaller step or tolerance'// &
-        damped(march%method%removed, b), text)
+        damped(march%method%removed, b))
       call b%body_share(body, x, exchanged)
       if (body == 0) return
       name = trim(run%sys%m%s%bodies(body)%name)
-      call text%line('  energy balance: closed to '//short_text(x, 1)//' of what the deformation of body "'//name// &
-                    '" took up and gave back, '//short_text(exchanged, 1)//' J')
-      if (x > unresolved .and. b%share() <= distrusted) call warn(run, 'the energy balance is off by '//short_text(x, 1)//' of '// &
+      call text%open('energy_balance_of_deformation', '{')
+      call text%line('  energy balance: closed to {share 1} of what the deformation of body "{body='//name//'}" took up and '// &
+                     'gave back, {exchanged 1} J', [x, exchanged])
+      call text%close()
+      if (x > unresolved .and. b%share() <= distrusted) call text%warn('the energy balance is off by '//short_text(x, 1)//' of '// &
         'the energy that the deformation of body "'//name//'" exchanged: its vibration may be wrong, slower motion right; '// &
-        'check_error=.true. estimates both', text)
+        'check_error=.true. estimates both')
     end associate
   end subroutine balance_lines
 

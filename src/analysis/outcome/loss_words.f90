@@ -1,11 +1,10 @@
 !> Lines of the summary about the energy that friction of joints, terms of materials and damped springs dissipated.
 module loss_words
   use kinds, only: wp
-  use readable_text, only: json_text
   use scene_model, only: scene
   use scene_run, only: run_state
   use summary_text, only: summary_record
-  use text, only: either, to_text
+  use text, only: either
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -39,22 +38,12 @@ contains
         lost = run%y(2*m%s%nq + m%s%nz + m%s%nzd + 2 + row%switch_number)
         slid = x%slid + abs(run%sys%position_of(i) - x%position)
         call text%open('', '{')
-        call text%member('name', json_text(trim(row%name)))
-        call text%figure('  friction of joint "'//trim(row%name)//'": slid ', 'slid', slid, 4)
-        call text%figure(either(' rad', ' m', row%angular)//', lost ', 'lost', lost, 4)
-        call text%figure(' J; times that it came to rest ', 'sticks', x%sticks)
-        call text%figure(', broke away ', 'slips', x%slips)
-        call text%figure(', turned without rest ', 'turns', x%turns)
-        call text%figure('; at rest ', 'time_at_rest', x%rest, 4)
-        if (x%rest > 0.0_wp) then
-          call text%figure(' s, with at most ', 'largest_share', x%share, 4, rest=' of its limit')
-        else
-          call text%line(' s')
-        end if
-        if (x%unknown > 0.0_wp) then
-          call text%figure('    its share of the load is not determined by rigid bodies, as others hold the same motion, during ', &
-                           'undetermined', x%unknown, 4, rest=' s')
-        end if
+        call text%line('  friction of joint "{name='//trim(row%name)//'}": slid {slid 4}'//either(' rad', ' m', row%angular)// &
+          ', lost {lost 4} J; times that it came to rest {sticks #}, broke away {slips #}, turned without rest {turns #}; at '// &
+          'rest {time_at_rest 4} s'//either(', with at most {largest_share 4} of its limit', '', x%rest > 0.0_wp), &
+          [real(wp) :: slid, lost, x%sticks, x%slips, x%turns, x%rest, x%share])
+        if (x%unknown > 0.0_wp) call text%line('    its share of the load is not determined by rigid bodies, as others hold '// &
+                                               'the same motion, during {undetermined 4} s', [x%unknown])
         call text%close()
       end associate
     end associate
@@ -64,53 +53,30 @@ contains
   subroutine loss_lines(run, text)
     type(run_state), intent(in) :: run
     type(summary_record), intent(inout) :: text
-    real(wp) :: lost                           ! [J]
+    type(viscoelastic_terms) :: law
+    character(:), allocatable :: words
+    real(wp), allocatable :: values(:)         ! number of the term [-] and energy [J]
     integer :: i
-    logical :: last                            ! term of a material
     associate (s => run%sys%m%s)
       if (size(s%losses) == 0) return
       call text%open('losses', '[')
       do i = 1, size(s%losses)
-        associate (cause => s%losses(i))
-          lost = run%y(s%ny - size(s%integrated) - size(s%losses) + i)
-          call text%open('', '{')
+        associate (cause => s%losses(i), lost => run%y(s%ny - size(s%integrated) - size(s%losses) + i))
           if (cause%spring > 0) then
-            call text%member('spring', json_text(trim(s%forces(cause%spring)%item%name)))
-            call text%figure('  lost in spring "'//trim(s%forces(cause%spring)%item%name)//'":', 'lost', lost, 4)
+            words = '  lost in spring "{spring='//trim(s%forces(cause%spring)%item%name)//'}": {lost 4} J'
+            values = [lost]
           else
-            call one_term(trim(s%materials(cause%material)), law_of(s, cause%material), cause%term, lost, text)
+            law = law_of(s, cause%material)
+            values = [merge(cause%term, cause%term - law%second, cause%term <= law%second)*1.0_wp, lost]   ! among its kind
+            words = '  lost in material "{material='//trim(s%materials(cause%material))//'}": {kind='// &
+                    trim(law%words(cause%term))//'} term {term #}: {lost 4} J'
           end if
-          call text%close()
-          last = i >= s%term_losses
-          if (.not. last) last = s%losses(i + 1)%term == 1
-          if (last) call text%line(' J')
+          call text%item(words, values)
         end associate
       end do
       call text%close()
     end associate
   end subroutine loss_lines
-
-  !> One term of a material, in a line with the others.
-  subroutine one_term(material, law, k, lost, text)
-    character(*), intent(in) :: material
-    type(viscoelastic_terms), intent(in) :: law
-    integer, intent(in) :: k                   !! its number in the law, and in words among those of its kind
-    real(wp), intent(in) :: lost               !! [J]
-    type(summary_record), intent(inout) :: text
-    character(:), allocatable :: words
-    integer :: number
-    number = merge(k, k - law%second, k <= law%second)
-    call text%member('material', json_text(material))
-    call text%member('kind', json_text(trim(law%words(k))))
-    call text%member('term', to_text(number))
-    words = trim(law%words(k))//' term '//to_text(number)
-    if (k == 1) then
-      words = '  lost in material "'//material//'": '//words
-    else
-      words = ' J, '//words
-    end if
-    call text%figure(words, 'lost', lost, 4)
-  end subroutine one_term
 
   !> The law of a material that a body has.
   pure type(viscoelastic_terms) function law_of(s, material) result(law)

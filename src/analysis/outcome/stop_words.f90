@@ -3,9 +3,8 @@ module stop_words
   use contact_mass, only: mass_at, drives_against
   use evaluation_results, only: evaluation
   use kinds, only: wp
-  use readable_text, only: json_text
   use results, only: most_events
-  use scene_run, only: run_state, warn
+  use scene_run, only: run_state
   use step_bounds, only: step_of
   use step_counts, only: actual_step
   use stop_advice, only: cannot_follow
@@ -28,16 +27,14 @@ contains
     associate (all => run%sys%tally(:run%sys%m%s%stops))
       if (size(all) == 0) return
       call text%open('events', '{')
-      call text%figure('  events: ', 'count', sum(all%count()))
-      call text%figure(': touched ', 'touched', sum([(all(i)%touched, i=1, size(all))]))
-      call text%figure(', opened ', 'opened', sum(all%opened))
-      call text%figure(', let go before they opened ', 'let_go', sum(all%let_go))
-      call text%figure(', pressed again ', 'pressed', sum(all%pressed), rest='')
+      call text%line('  events: {count #}: touched {touched #}, opened {opened #}, let go before they opened {let_go #}, '// &
+        'pressed again {pressed #}', [real(wp) :: sum(all%count()), sum([(all(i)%touched, i=1, size(all))]), sum(all%opened), &
+                              sum(all%let_go), sum(all%pressed)])
       call text%close()
       associate (r => run%d%transient, h => run%sys%shortest_limit)
         if (.not. r%adaptive) then
-          if (h < actual_step(r%output_step, r%step)) call text%figure('  steps were divided while stops touched, the shortest '// &
-            'contact allows ', 'step_in_contact', h, 3, rest=' s')
+          if (h < actual_step(r%output_step, r%step)) call text%line('  steps were divided while stops touched, the shortest '// &
+            'contact allows {step_in_contact 3} s', [h])
         end if
       end associate
       call tell_bound(run, text)
@@ -72,8 +69,8 @@ contains
       end associate
     end do
     if (worst == 0) return
-    call text%figure('  smallest current bound of the step while stops touched: ', 'smallest_bound_in_contact', smallest, 4)
-    call text%line(' s (stop "'//trim(run%sys%m%s%forces(run%sys%m%s%switching(worst))%item%name)//'")')
+    call text%line('  smallest current bound of the step while stops touched: {smallest_bound_in_contact 4} s (stop "'// &
+                   trim(run%sys%m%s%forces(run%sys%m%s%switching(worst))%item%name)//'")', [smallest])
   end subroutine tell_bound
 
   !> One stop: its contacts, their forces, the energy lost.
@@ -87,35 +84,24 @@ contains
       unit = either('Nm', 'N', f%angular)
       lost = run%y(2*m%s%nq + m%s%nz + m%s%nzd + 2 + i)
       call text%open('', '{')
-      call text%member('name', json_text(trim(f%name)))
-      call text%figure('  stop "'//trim(f%name)//'": contacts ', 'touched', sum(x%touched))
+      call text%say('  stop "{name='//trim(f%name)//'}": contacts {touched #}', [real(wp) :: sum(x%touched)])
       if (x%count() == 0 .and. .not. x%depth > 0.0_wp) then
         call text%line('')
         call text%close()
         return
       end if
-      if (all(x%touched > 0)) call text%words%add(' ('//to_text(x%touched(1))//' at the upper limit)')
-      call text%member('touched_upper', to_text(x%touched(1)))
-      if (x%count() > 0) then
-        call text%figure(', events from ', 'first', x%first, 6)
-        call text%figure(' s to ', 'last', x%last, 6)
-        call text%words%add(' s')
-      end if
-      call text%figure('; largest force ', 'largest_force', x%force, 4)
+      call text%say(' ({touched_upper #} at the upper limit)', [real(wp) :: x%touched(1)])
+      if (x%count() > 0) call text%say(', events from {first 6} s to {last 6} s', [x%first, x%last])
       if (f%row > 0) then
-        call text%figure(' '//unit//', impulse ', 'largest_impulse', x%impulse, 4)
-        call text%figure(' '//unit//'s; lost ', 'lost', lost, 4)
+        call text%say('; largest force {largest_force 4} '//unit//', impulse {largest_impulse 4} '//unit//'s; lost {lost 4} J', &
+                      [x%force, x%impulse, lost])
       else
-        call text%figure(' '//unit//', penetration ', 'largest_penetration', x%depth, 4)
-        call text%figure(either(' rad', ' m', f%angular)//'; lost ', 'lost', lost, 4)
+        call text%say('; largest force {largest_force 4} '//unit//', penetration {largest_penetration 4} '// &
+                      either('rad', 'm', f%angular)//'; lost {lost 4} J', [x%force, x%depth, lost])
       end if
-      call text%words%add(' J')
-      if (x%fewest < huge(1)) then
-        call text%figure('; shortest contact ', 'shortest_contact', x%briefest, 3)
-        call text%figure(' s, steps in it ', 'steps_of_shortest_contact', x%fewest, rest='')
-      else
-        call text%line('')
-      end if
+      if (x%fewest < huge(1)) call text%say('; shortest contact {shortest_contact 3} s, steps in it '// &
+        '{steps_of_shortest_contact #}', [real(wp) :: x%briefest, x%fewest])
+      call text%line('')
       call text%close()
       call judge(run, i, text)
     end associate
@@ -133,15 +119,15 @@ contains
       do side = 1, 2
         limit = cannot_follow(m, merge(f%ia, f%ib, side == 1), x%briefest)
         if (len(limit) == 0) cycle
-        call warn(run, 'a contact with stop "'//trim(f%name)//'" lasts'//es_text(x%briefest, 2)//' s, '//limit//': its '// &
-                  'force is not converged (more elements or modes, or a softer stop)', text)
+        call text%warn('a contact with stop "'//trim(f%name)//'" lasts'//es_text(x%briefest, 2)//' s, '//limit//': its '// &
+                  'force is not converged (more elements or modes, or a softer stop)')
       end do
       if (x%mass < huge(1.0_wp) .or. .not. x%depth > 0.0_wp) return
       work = run%sys%ev
       if (mass_at(m, work, m%s%switching(i)) < huge(1.0_wp)) return
       if (len(drives_against(m, work)) == 0) return
-      call warn(run, 'stop "'//trim(f%name)//'" is pressed by drive'//drives_against(m, work)//', which moves on against '// &
-                'any force: up to '//to_text(x%force)//either(' Nm', ' N', f%angular), text)
+      call text%warn('stop "'//trim(f%name)//'" is pressed by drive'//drives_against(m, work)//', which moves on against '// &
+                'any force: up to '//to_text(x%force)//either(' Nm', ' N', f%angular))
     end associate
   end subroutine judge
 end module stop_words

@@ -4,11 +4,10 @@ module transient_summary
   use accuracy_words, only: accuracy_lines
   use errors, only: status_failed
   use material_band, only: motion_outside_band
-  use scene_run, only: run_state, warn
+  use scene_run, only: run_state
   use step_counts, only: actual_step
   use loss_words, only: friction_lines, loss_lines
   use stop_words, only: stop_lines
-  use summary, only: add_warnings
   use summary_text, only: summary_record
   use text, only: es_text, fixed_text
   use transient, only: transient_march
@@ -26,29 +25,21 @@ contains
     type(summary_record), intent(inout) :: text
     if (.not. allocated(march%method)) return
     associate (r => run%d%transient, method => march%method, m => run%sys%m, ev => run%sys%ev)
-      call text%line('')
-      call text%line('transient')
-      call text%open('transient', '{')
-      call text%figure('  method: ', 'method', trim(r%method))
-      call text%figure(', stabilization: ', 'stabilization', trim(r%stabilization), rest='')
+      call text%section('transient', 'transient')
+      call text%line('  method: {method='//trim(r%method)//'}, stabilization: {stabilization='//trim(r%stabilization)//'}')
       if (r%adaptive) then
-        call text%figure('  tolerance: ', 'tolerance', r%tolerance, 3)
-        call text%figure(', accepted steps from ', 'shortest_step', min(method%shortest, method%longest), 3)
-        call text%figure(' to ', 'longest_step', method%longest, 3)
+        call text%line('  tolerance: {tolerance 3}, accepted steps from {shortest_step 3} to {longest_step 3} s', &
+                       [r%tolerance, min(method%shortest, method%longest), method%longest])
       else
-        call text%figure('  step: ', 'step', actual_step(r%output_step, r%step), 9)
+        call text%line('  step: {step 9} s', [actual_step(r%output_step, r%step)])
       end if
-      call text%line(' s')
-      call text%figure('  reached: t = ', 'reached', method%t, 9, rest=' s')
-      call text%figure('  steps: ', 'steps', method%steps)
-      call text%figure(', rejected: ', 'rejected', method%rejected, rest='')
-      call text%figure('  evaluations: ', 'evaluations', ev%evaluations)
-      call text%figure(', banded solves: ', 'banded_solves', ev%solves, rest='')
+      call text%line('  reached: t = {reached 9} s', [method%t])
+      call text%line('  steps: {steps #}, rejected: {rejected #}', [real(wp) :: method%steps, method%rejected])
+      call text%line('  evaluations: {evaluations #}, banded solves: {banded_solves #}', [real(wp) :: ev%evaluations, ev%solves])
       call method%report_work(text)
       if (run%monitor%smallest < huge(1.0_wp)) then
-        call text%figure('  smallest current bound of the step: ', 'smallest_bound', run%monitor%smallest, 4)
-        call text%figure(' s at t = ', 'smallest_bound_at', run%monitor%at, 4)
-        call text%figure(' s (estimates: ', 'bound_estimates', run%monitor%estimates, rest=')')
+        call text%line('  smallest current bound of the step: {smallest_bound 4} s at t = {smallest_bound_at 4} s (estimates: '// &
+                       '{bound_estimates #})', [real(wp) :: run%monitor%smallest, run%monitor%at, run%monitor%estimates])
         if (.not. r%adaptive) call compare_step(run, text)
       end if
       if (r%motion_step > 0.0_wp) call motion_interval(run, text)
@@ -68,19 +59,13 @@ contains
     type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
     real(wp), dimension(run%list%columns) :: range, value   ! [of the column]
-    integer :: k
     if (march%done == 0) return
-    associate (names => run%list%names(:run%list%columns))
-      range = march%seen%moved(run%sys%m%s, names, run%d%transient%t_end)
-      value = march%seen%still(run%sys%m%s, names, run%d%transient%t_end)
+    associate (columns => run%list%column)
+      range = march%seen%moved(run%sys%m%s, columns, run%d%transient%t_end)
+      value = march%seen%still(run%sys%m%s, columns, run%d%transient%t_end)
       if (all(range > 0.0_wp)) return
       call text%line('  columns that stand still (only rounding changes them), and their values:')
-      call text%open('still_columns', '{')
-      do k = 1, size(names)
-        if (range(k) > 0.0_wp) cycle
-        call text%figure('    '//trim(names(k))//' ', trim(names(k)), value(k), 9, rest='')
-      end do
-      call text%close()
+      call text%table('still_columns', pack(columns%label(), .not. range > 0.0_wp), pack(value, .not. range > 0.0_wp), 9)
     end associate
   end subroutine still_lines
 
@@ -93,9 +78,9 @@ contains
       share = actual_step(r%output_step, r%step)/run%monitor%smallest
     end associate
     if (share <= 1.0_wp) return
-    call warn(run, 'the step was '//fixed_text(share, 3)//' times the smallest current bound, at t = '// &
+    call text%warn('the step was '//fixed_text(share, 3)//' times the smallest current bound, at t = '// &
               trim(adjustl(es_text(run%monitor%at, 4)))//' s, limited by '//trim(run%monitor%cause)// &
-              ': what limits it grew slowly'//beyond(run), text)
+              ': what limits it grew slowly'//beyond(run))
   end subroutine compare_step
 
   !> Why the current bound is below the safe one, which covers all directions of springs, but only the shapes of the start.
@@ -117,9 +102,9 @@ contains
     associate (r => run%d%transient)
       ratio = r%motion_step/r%output_step
       if (ratio >= 1.0_wp .and. abs(ratio - anint(ratio)) <= 1.0e-9_wp*ratio) return
-      call warn(run, 'motion_step ='//es_text(r%motion_step, 3)//' s is no multiple of output_step ='// &
+      call text%warn('motion_step ='//es_text(r%motion_step, 3)//' s is no multiple of output_step ='// &
                 es_text(r%output_step, 3)//' s: motion.txt has a row every'// &
-                es_text(max(1.0_wp, anint(ratio))*r%output_step, 3)//' s', text)
+                es_text(max(1.0_wp, anint(ratio))*r%output_step, 3)//' s')
     end associate
   end subroutine motion_interval
 
@@ -130,7 +115,7 @@ contains
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: warnings
     warnings = run%watch%warnings(run%sys%m, run%sys%ev, '', run%vibrates())//motion_outside_band(run)
-    call add_warnings(text, run%d%path, warnings)
+    call text%warn(warnings)
     if (len(warnings) > 0 .or. status == status_failed) return
     call text%line('  validity: deflections, spins and excited frequencies stay within what the model can tell')
   end subroutine validity_lines

@@ -2,7 +2,7 @@
 !> are refused before anything is written.
 module static_analysis
   use kinds, only: wp
-  use column_names, only: motion_names, motion_row
+  use result_columns, only: motion_columns, motion_row, result_column
   use equilibrium, only: find_contacts, find_equilibrium, equilibrium_report
   use equilibrium_growth, only: find_growth
   use errors, only: failure, status_failed, status_bad_input
@@ -13,7 +13,6 @@ module static_analysis
   use linear_state, only: evaluate_state, refuse_uneven
   use scene_run, only: run_state, no_output, stop_if_signalled
   use sensors, only: read_sensors
-  use summary, only: add_warnings
   use summary_text, only: summary_record
   use text, only: joined, to_text
   use text_file, only: result_file
@@ -94,17 +93,13 @@ contains
     end do
     call file%close()
     if (file%failed) call no_output(run, fail)
-    call text%line('')
-    call text%line('static')
-    call text%open('static', '{')
-    call text%figure('  load steps done: ', 'load_steps', k - 1)
-    call text%figure(', Newton steps: ', 'newton_steps', steps, rest='')
+    call text%section('static', 'static')
+    call text%line('  load steps done: {load_steps #}, Newton steps: {newton_steps #}', [real(wp) :: k - 1, steps])
     if (allocated(run%sys%ev%rows%off)) call text%line('  friction of joints does not act: this equilibrium is one of a set, '// &
       'about which friction holds the mechanism')
-    call text%figure('  residual over the largest force: ', 'residual', report%residual)
-    call text%figure(' (rounding: ', 'rounding', report%noise, rest=')')
+    call text%line('  residual over the largest force: {residual} (rounding: {rounding})', [report%residual, report%noise])
     call text%close()
-    call add_warnings(text, run%d%path, watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis ', run%vibrates()))
+    call text%warn(watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis ', run%vibrates()))
     if (.not. fail%happened()) call tell_growth(run, text)
   end subroutine run_static
 
@@ -198,8 +193,8 @@ contains
     real(wp) :: rate                                 ! [1/s]
     character(:), allocatable :: motion
     call find_growth(run, rate, motion)
-    if (rate > 0.0_wp) call add_warnings(text, run%d%path, 'warning: the static equilibrium is unstable: without damping small '// &
-      'motions about it, most of all of '//motion//', grow at '//to_text(rate)//' 1/s'//new_line('a'))
+    if (rate > 0.0_wp) call text%warn('the static equilibrium is unstable: without damping small motions about it, most of all '// &
+                                      'of '//motion//', grow at '//to_text(rate)//' 1/s')
   end subroutine tell_growth
 
   !> A part of weight, loads and prestress: free lengths and angles go from the assembled ones to the deck's.
@@ -216,11 +211,13 @@ contains
   subroutine write_header(run, file)
     type(run_state), intent(in) :: run
     type(result_file), intent(inout) :: file
+    type(result_column), allocatable :: columns(:)
     call file%head('static equilibrium, one row a load step', run%d%name, run%sys%m%s%title)
     call file%line('# load: fraction of loads and weight; residual: largest over the largest force; then the sensors, then '// &
                    'body frames and nodes')
-    call file%line('# columns: '//joined([character(80) :: 'load[-]', 'residual[-]', 'newton_steps[-]', &
-                                          run%list%names(:run%list%columns), 'state.'//motion_names(run%sys%m)], ' '))
+    columns = motion_columns(run%sys%m)
+    columns = [run%list%column, columns%of('state.')]
+    call file%line('# columns: load[-] residual[-] newton_steps[-] '//joined(columns%label(), ' '))
   end subroutine write_header
 
   !> One row.

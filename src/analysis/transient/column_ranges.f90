@@ -3,6 +3,7 @@
 module column_ranges
   use kinds, only: wp
   use archive, only: value_archive
+  use result_columns, only: result_column
   use scene_model, only: scene
   implicit none (type, external)
   private
@@ -42,56 +43,51 @@ contains
   end subroutine note
 
   !> By how much each column moved; zero where that is rounding, beside the largest value of its kind [of the column].
-  pure function moved(self, s, names, time) result(range)
+  pure function moved(self, s, columns, time) result(range)
     class(column_range), intent(in) :: self
     type(scene), intent(in) :: s
-    character(*), intent(in) :: names(:)      !! (columns) with units in brackets
+    type(result_column), intent(in) :: columns(:)
     real(wp), intent(in) :: time              !! of the run [s]
     real(wp) :: range(size(self%low))
     range = self%high - self%low
-    where (.not. range > digits*sizes(self, s, names, time)) range = 0.0_wp
+    where (.not. range > digits*sizes(self, s, columns, time)) range = 0.0_wp
   end function moved
 
   !> The value of a column that stands still but for rounding; zero where the value itself is rounding [of the column].
-  pure function still(self, s, names, time) result(value)
+  pure function still(self, s, columns, time) result(value)
     class(column_range), intent(in) :: self
     type(scene), intent(in) :: s
-    character(*), intent(in) :: names(:)      !! (columns) with units in brackets
+    type(result_column), intent(in) :: columns(:)
     real(wp), intent(in) :: time              !! of the run [s]
     real(wp) :: value(size(self%low))
     value = 0.5_wp*(self%low + self%high)
-    where (.not. abs(value) > digits*sizes(self, s, names, time)) value = 0.0_wp
+    where (.not. abs(value) > digits*sizes(self, s, columns, time)) value = 0.0_wp
   end function still
 
   !> Scale of each column: the largest value of a column of the same unit, forces and moments by the scene's size; or the value of
   !> its unit in a motion over that size within the run [of the column].
-  pure function sizes(self, s, names, time) result(largest)
+  pure function sizes(self, s, columns, time) result(largest)
     class(column_range), intent(in) :: self
     type(scene), intent(in) :: s
-    character(*), intent(in) :: names(:)      !! (columns) with units in brackets
+    type(result_column), intent(in) :: columns(:)
     real(wp), intent(in) :: time              !! of the run [s]
-    real(wp) :: largest(size(self%low))
-    character(len(names)) :: unit(size(self%low))
-    real(wp) :: mine
+    real(wp) :: largest(size(columns)), value(size(columns))
     real(wp) :: stress_by_moment              ! stress of a section that a unit moment bends [1/m3]
-    integer :: k, j
+    integer :: k
     stress_by_moment = s%size**(-3)
     do k = 1, size(s%bodies)
       if (.not. allocated(s%bodies(k)%elements)) cycle
       stress_by_moment = max(stress_by_moment, maxval(s%bodies(k)%elements%fibre/s%bodies(k)%elements%second))
     end do
-    do k = 1, size(unit)
-      unit(k) = names(k)(index(names(k), '[') + 1:)
-    end do
-    do k = 1, size(unit)
-      largest(k) = unit_scale(trim(unit(k)), sum(s%bodies%mass), s%size, time, stress_by_moment)
-      do j = 1, size(unit)
-        mine = max(abs(self%low(j)), abs(self%high(j)))
-        if (unit(j) == unit(k)) largest(k) = max(largest(k), mine)
-        if (unit(j) == 'N]' .and. unit(k) == 'Nm]') largest(k) = max(largest(k), mine*s%size)
-        if (unit(j) == 'Nm]' .and. unit(k) == 'N]') largest(k) = max(largest(k), mine/s%size)
-        if (unit(j) == 'Nm]' .and. unit(k) == 'Pa]') largest(k) = max(largest(k), mine*stress_by_moment)
-      end do
+    value = max(abs(self%low), abs(self%high))
+    do k = 1, size(columns)
+      associate (unit => columns(k)%unit)
+        largest(k) = max(unit_scale(trim(unit), sum(s%bodies%mass), s%size, time, stress_by_moment), &
+                         maxval(value, columns%unit == unit))
+        if (unit == 'Nm') largest(k) = max(largest(k), s%size*maxval(value, columns%unit == 'N'))
+        if (unit == 'N') largest(k) = max(largest(k), maxval(value, columns%unit == 'Nm')/s%size)
+        if (unit == 'Pa') largest(k) = max(largest(k), stress_by_moment*maxval(value, columns%unit == 'Nm'))
+      end associate
     end do
   end function sizes
 
@@ -101,7 +97,7 @@ contains
     real(wp), intent(in) :: mass, length, time   !! [kg], [m], [s]
     real(wp), intent(in) :: stress_by_moment  !! stress of a unit moment [1/m3]
     real(wp) :: x
-    select case (unit(:scan(unit//'/]', '/]') - 1))
+    select case (unit(:scan(unit//'/', '/') - 1))
     case ('m')
       x = length
     case ('N')
@@ -117,8 +113,8 @@ contains
     case default                              ! rad
       x = 1.0_wp
     end select
-    if (index(unit, '/s]') > 0) x = x/time
-    if (index(unit, '/s2]') > 0) x = x/time**2
+    if (index(unit, '/s') > 0) x = x/time
+    if (index(unit, '/s2') > 0) x = x/time
   end function unit_scale
 
   !> Saves or restores the ranges.

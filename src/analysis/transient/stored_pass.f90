@@ -4,12 +4,12 @@
 module stored_pass
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use column_names, only: motion_names, motion_row
+  use result_columns, only: motion_columns, motion_row, result_column
   use scene_run, only: run_state
   use switching, only: event_list
   implicit none (type, external)
   private
-  public :: compared_names, compared_row
+  public :: compared_columns, compared_row
 
   !> A pass.
   type, public :: pass_rows
@@ -28,13 +28,13 @@ module stored_pass
 
 contains
 
-  !> Names of the columns.
-  function compared_names(run) result(names)
+  !> The columns.
+  function compared_columns(run) result(columns)
     type(run_state), intent(in) :: run
-    character(80), allocatable :: names(:)
-    names = run%list%names(1:run%list%columns)
-    if (run%list%columns == 0) names = motion_names(run%sys%m)
-  end function compared_names
+    type(result_column), allocatable :: columns(:)
+    columns = run%list%column
+    if (run%list%columns == 0) columns = motion_columns(run%sys%m)
+  end function compared_columns
 
   !> Their values at a state.
   function compared_row(run, y, sensors) result(values)

@@ -95,9 +95,9 @@ contains
   subroutine report_work(self, text)
     class(alpha_march), intent(in) :: self
     type(summary_record), intent(inout) :: text
-    call text%figure('  Newton iterations: ', 'newton_iterations', self%solver%newton%iterations)
-    call text%figure(', factorisations of elastic blocks: constant ', 'constant_factorisations', self%solver%newton%factors(1))
-    call text%figure(', exact ', 'exact_factorisations', self%solver%newton%factors(2))
+    call text%say('  Newton iterations: {newton_iterations #}, factorisations of elastic blocks: constant '// &
+                  '{constant_factorisations #}, exact {exact_factorisations #}', &
+                  [real(wp) :: self%solver%newton%iterations, self%solver%newton%factors])
     call self%report_failures(text)
   end subroutine report_work
 

@@ -219,10 +219,8 @@ contains
   subroutine report_failures(self, text)
     class(implicit_stepper), intent(in) :: self
     type(summary_record), intent(inout) :: text
-    call text%member('newton_failures', to_text(self%failures))
-    if (self%failures > 0) call text%words%add('; failures of Newton''s method: '//to_text(self%failures)// &
-      ', where the step was '//either('tried smaller', 'halved', self%settings%adaptive))
-    call text%line('')
+    call text%line('; failures of Newton''s method: {newton_failures #}'//either(', where the step was '//either('tried smaller', &
+      'halved', self%settings%adaptive), '', self%failures > 0), [real(wp) :: self%failures])
   end subroutine report_failures
 
   !> Saves or restores what every implicit method has.

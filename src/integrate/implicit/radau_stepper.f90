@@ -348,9 +348,9 @@ contains
   subroutine report_work(self, text)
     class(radau_march), intent(in) :: self
     type(summary_record), intent(inout) :: text
-    call text%figure('  Newton iterations: ', 'newton_iterations', self%stages%iterations)
-    call text%figure(' of three stages; evaluations of the residual: ', 'residual_evaluations', self%stages%residuals)
-    call text%figure('; matrices: ', 'matrices', self%stages%renewals)
+    call text%say('  Newton iterations: {newton_iterations #} of three stages; evaluations of the residual: '// &
+                  '{residual_evaluations #}; matrices: {matrices #}', &
+                  [real(wp) :: self%stages%iterations, self%stages%residuals, self%stages%renewals])
     call self%report_failures(text)
   end subroutine report_work
 

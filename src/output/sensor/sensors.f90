@@ -18,20 +18,20 @@ module sensors
   use measure, only: measure_model
   use quantity_sensor, only: quantity_sensor_model
   use row_sensors, only: friction_sensor_model, reaction_sensor_model
+  use result_columns, only: result_column
   use section_sensors, only: section_sensor_model, stress_sensor_model
   use sensor, only: observation, sensor_box, sensor_model, harmonic_motion
+  use text, only: either
   implicit none (type, external)
   private
   public :: sensor_list, set_up_sensors, read_sensors, read_linear_sensors
-
-  integer, parameter :: suffix_length = 20
 
   !> All sensors of a scene.
   type :: sensor_list
     type(sensor_box), allocatable :: sensors(:)
     integer, allocatable :: first(:)                !! first column of each sensor
     integer :: columns = 0
-    character(80), allocatable :: names(:)          !! name[unit] of each column
+    type(result_column), allocatable :: column(:)   !! each of them
     type(marker_model), allocatable :: markers(:)   !! between which they measure
     type(marker_states) :: p                        !! of these markers
   end type sensor_list
@@ -43,36 +43,37 @@ contains
     type(deck), intent(in) :: d
     type(mechanism_model), intent(in) :: m
     type(sensor_list), intent(out) :: list
-    character(suffix_length), allocatable :: suffix(:)
+    type(result_column), allocatable :: own(:)      ! of a sensor, without its name
     type(marker_table) :: markers
-    integer :: k, j, n
+    integer :: k, n
     n = size(d%sensors)
-    allocate (list%sensors(n), list%first(n), list%names(5*n + 1))
+    allocate (list%sensors(n), list%first(n), list%column(5*n))
     markers = begin_markers(size(m%s%bodies))
     do k = 1, n
-      call make_sensor(d, k, m, markers, list%sensors(k)%item, suffix)
+      call make_sensor(d, k, m, markers, list%sensors(k)%item, own)
       associate (s => list%sensors(k)%item)
         s%number = find_marker(m%s, markers, d%sensors(k)%marker)
         s%marker = markers%items(s%number)
       end associate
       list%first(k) = list%columns + 1
-      do j = 1, size(suffix)
-        list%columns = list%columns + 1
-        list%names(list%columns) = trim(d%sensors(k)%name)//suffix(j)
-      end do
+      own = own%of(trim(d%sensors(k)%name))
+      own%quantity = d%sensors(k)%quantity
+      list%column(list%columns + 1:list%columns + size(own)) = own
+      list%columns = list%columns + size(own)
     end do
+    list%column = list%column(:list%columns)
     list%markers = markers%items(1:markers%count)
     call list%p%allocate(size(list%markers))
   end subroutine set_up_sensors
 
-  !> The factory of sensors: the deck's word into the kind, and what follows the sensor's name in the name of each of its columns.
-  subroutine make_sensor(d, number, m, markers, item, suffixes)
+  !> The factory of sensors: the deck's word into the kind, and its columns, whose names lack the sensor's.
+  subroutine make_sensor(d, number, m, markers, item, columns)
     type(deck), intent(in) :: d
     integer, intent(in) :: number                  !! of the sensor
     type(mechanism_model), intent(in) :: m
     type(marker_table), intent(inout) :: markers
     class(sensor_model), allocatable, intent(out) :: item
-    character(suffix_length), allocatable, intent(out) :: suffixes(:)
+    type(result_column), allocatable, intent(out) :: columns(:)
     type(quantity_sensor_model), allocatable :: quantities
     type(sensor_record) :: r
     type(reaction_sensor_model) :: reaction        ! a constructor would never free its list
@@ -83,13 +84,13 @@ contains
     select case (r%quantity)
     case ('acceleration')
       item = acceleration_sensor_model(first=1, last=2, against=find_marker(m%s, markers, r%other))
-      suffixes = [character(suffix_length) :: '.x[m/s2]', '.y[m/s2]']
+      columns = [result_column('.x', 'm/s2'), result_column('.y', 'm/s2')]
     case ('angular_acceleration')
       item = acceleration_sensor_model(first=3, last=3, against=find_marker(m%s, markers, r%other))
-      suffixes = [character(suffix_length) :: '[rad/s2]']
+      columns = [result_column('', 'rad/s2')]
     case ('deflection')
       item = deflection_sensor_model()
-      suffixes = [character(suffix_length) :: '.u[m]', '.v[m]', '.r[rad]']
+      columns = [result_column('.u', 'm'), result_column('.v', 'm'), result_column('.r', 'rad')]
     case ('coordinate')
       item = coordinate_sensor_model(index=r%index)
       associate (basis => m%s%bodies(r%marker%body)%basis)
@@ -97,66 +98,64 @@ contains
         if (basis%rotation(r%index)) unit = 'rad'
         if (basis%reduced_from > 0) unit = 'kg^.5*m'
       end associate
-      allocate (character(suffix_length) :: suffixes(3))   ! the compiler never frees units within a constructor
-      suffixes(1) = '.q['//unit//']'
-      suffixes(2) = '.qd['//unit//'/s]'
-      suffixes(3) = '.qdd['//unit//'/s2]'
+      columns = [result_column('.q', unit), result_column('.qd', unit//'/s'), result_column('.qdd', unit//'/s2')]
     case ('reaction')
       reaction%constraints = [merge(r%joint, m%s%joints + r%drive, r%joint > 0), friction_of(m%s, r%joint)]
       item = reaction
-      suffixes = [character(suffix_length) :: '.fx[N]', '.fy[N]', '.m[Nm]']
+      columns = [result_column('.fx', 'N'), result_column('.fy', 'N'), result_column('.m', 'Nm')]
     case ('friction')
       row = friction_of(m%s, r%joint)
       item = friction_sensor_model(constraint=row(1))
-      suffixes = [character(suffix_length) :: '.f[N]', '.rate[m/s]', '.state[-]', '.share[-]']
-      if (m%s%constraints(row(1))%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.rate[rad/s]']
+      columns = [result_column('.f', 'N'), result_column('.rate', 'm/s'), result_column('.state', '-'), &
+                 result_column('.share', '-')]
+      if (m%s%constraints(row(1))%item%angular) columns(1:2) = [result_column('.f', 'Nm'), result_column('.rate', 'rad/s')]
     case ('internal')
       item = section_sensor_model(element=r%element)
-      suffixes = [character(suffix_length) :: '.n[N]', '.q[N]', '.m1[Nm]', '.m2[Nm]', '.s[Pa]']
-      if (.not. m%s%bodies(r%marker%body)%elements(r%element)%fibre > 0.0_wp) suffixes = suffixes(:4)   ! no shape, no stress
+      columns = [result_column('.n', 'N'), result_column('.q', 'N'), result_column('.m1', 'Nm'), result_column('.m2', 'Nm'), &
+                 result_column('.s', 'Pa')]
+      if (.not. m%s%bodies(r%marker%body)%elements(r%element)%fibre > 0.0_wp) columns = columns(:4)   ! no shape, no stress
     case ('power')
       item = power_sensor_model(source=source_of(m%s, r))
-      suffixes = [character(suffix_length) :: '[W]']
+      columns = [result_column('', 'W')]
     case ('work')
       item = work_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1))
-      suffixes = [character(suffix_length) :: '[J]']
+      columns = [result_column('', 'J')]
     case ('stress')
       item = stress_sensor_model()
-      suffixes = [character(suffix_length) :: '.s[Pa]', '.element[-]', '.node[-]']
+      columns = [result_column('.s', 'Pa'), result_column('.element', '-'), result_column('.node', '-')]
     case ('energy')
       item = energy_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1))
-      suffixes = [character(suffix_length) :: '.kinetic[J]', '.strain[J]', '.dissipated[J]']
+      columns = [result_column('.kinetic', 'J'), result_column('.strain', 'J'), result_column('.dissipated', 'J')]
     case ('stop')
       item = stop_sensor_model(element=m%s%switching(r%stop))
-      suffixes = [character(suffix_length) :: '.f[N]', '.gap[m]', '.state[-]']
-      if (m%s%forces(m%s%switching(r%stop))%item%angular) suffixes(1:2) = [character(suffix_length) :: '.f[Nm]', '.gap[rad]']
+      columns = [result_column('.f', 'N'), result_column('.gap', 'm'), result_column('.state', '-')]
+      if (m%s%forces(m%s%switching(r%stop))%item%angular) columns(1:2) = [result_column('.f', 'Nm'), result_column('.gap', 'rad')]
     case ('controller')
       item = controller_sensor_model(controller=r%controller)
-      suffixes = [character(suffix_length) :: '.out[-]', '.error'//unit_of(m%s%controllers(r%controller)%quantity), '.limited[-]']
+      columns = [result_column('.out', '-'), result_column('.error', unit_of(m%s%controllers(r%controller)%quantity)), &
+                 result_column('.limited', '-')]
     case ('spring')
       item = spring_sensor_model(element=r%spring)
-      suffixes = [character(suffix_length) :: '.f[N]', '.d[m]']
-      if (m%s%forces(r%spring)%item%angular) suffixes = [character(suffix_length) :: '.f[Nm]', '.d[rad]']
+      columns = [result_column('.f', 'N'), result_column('.d', 'm')]
+      if (m%s%forces(r%spring)%item%angular) columns = [result_column('.f', 'Nm'), result_column('.d', 'rad')]
     case default                                   ! all others are quantities of motion
-      suffixes = [character(suffix_length) :: motion_suffixes(r%quantity)]
-      allocate (quantities)
-      allocate (quantities%columns(size(suffixes)))
-      do k = 1, size(suffixes)
-        call make_quantity(d, m%s, r, k, markers, quantities%columns(k)%item)
-        suffixes(k) = trim(suffixes(k))//unit_of(quantities%columns(k)%item)
-      end do
+      associate (suffixes => motion_suffixes(r%quantity))
+        allocate (quantities)
+        allocate (quantities%columns(size(suffixes)), columns(size(suffixes)))
+        do k = 1, size(suffixes)
+          call make_quantity(d, m%s, r, k, markers, quantities%columns(k)%item)
+          columns(k) = result_column(suffixes(k), unit_of(quantities%columns(k)%item))
+        end do
+      end associate
       call move_alloc(quantities, item)
     end select
   end subroutine make_sensor
 
-  !> Unit of a quantity of motion, in brackets.
+  !> Unit of a quantity of motion.
   pure function unit_of(q) result(unit)
     class(measure_model), intent(in) :: q
     character(:), allocatable :: unit
-    unit = '[m'
-    if (q%angular) unit = '[rad'
-    if (q%rate) unit = unit//'/s'
-    unit = unit//']'
+    unit = either('rad', 'm', q%angular)//either('/s', '', q%rate)
   end function unit_of
 
   !> Values of all columns at an evaluated state (m holds the accelerations and multipliers of that state).
