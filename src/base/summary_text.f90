@@ -62,7 +62,7 @@ contains
     subroutine one_fact(fact)
       character(*), intent(in) :: fact
       character(:), allocatable :: shown, full
-      integer :: mark, decimals
+      integer :: mark
       mark = index(fact, '=')
       if (mark > 0) then
         call self%word('', fact(:mark - 1), fact(mark + 1:))
@@ -80,8 +80,7 @@ contains
       case ('%')
         shown = to_text(anint(100*values(n))/100)
       case default
-        read (fact(mark + 1:), *) decimals
-        shown = short_text(values(n), decimals)
+        shown = short_text(values(n), index('123456789', fact(mark + 1:)))
       end select
       call self%words%add(shown)
       call self%member(fact(:mark - 1), full)
