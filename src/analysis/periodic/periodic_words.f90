@@ -5,9 +5,9 @@ module periodic_words
   use errors, only: failure, status_failed
   use readable_text, only: json_text
   use scene_model, only: scene
-  use scene_run, only: run_state, no_output, warn
-  use summary_text, only: json_number, summary_record
-  use text, only: either, es_text, quoted, short_text, to_text
+  use scene_run, only: run_state, no_output
+  use summary_text, only: summary_record
+  use text, only: either, quoted, short_text, to_text
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -77,15 +77,10 @@ contains
     type(cycle_state), intent(in) :: cycle
     type(summary_record), intent(inout) :: text
     integer :: k, n
-    call text%line('')
-    call text%line('periodic')
-    call text%open('periodic', '{')
-    call text%figure('  period ', 'period', cycle%period, 10)
-    call text%figure(' s, repeats to ', 'residual', cycle%residual, 1)
-    call text%figure(' after ', 'turns_to_cycle', cycle%turns_to_cycle)
-    call text%figure(' turns of ', 'steps', cycle%turn%steps)
-    call text%figure(' steps; all turns: ', 'turns', cycle%turns, rest='')
-    call text%member('lost_in_a_period', json_number(cycle%turn%end(2*run%sys%m%s%nq + run%sys%m%s%nz + run%sys%m%s%nzd + 1)))
+    call text%section('periodic', 'periodic')
+    call text%line('  period {period 9} s, repeats to {residual 1} after {turns_to_cycle #} turns of {steps #} steps; all turns: '// &
+      '{turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, cycle%turns_to_cycle, &
+      cycle%turn%steps, cycle%turns, cycle%turn%end(2*run%sys%m%s%nq + run%sys%m%s%nz + run%sys%m%s%nzd + 1)])
     if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, text)
     call text%open('multipliers', '[')
     n = 0
@@ -111,11 +106,11 @@ contains
     k = findloc([(k /= cycle%time, k=1, cycle%wanted)], .true., 1)
     if (cycle%time > 0) then
       near = abs(cycle%pairs%value(cycle%time) - 1)
-      if (near > 10*max(cycle%error(cycle%time), so_near)) call warn(run, 'the multiplier that belongs to time differs from '// &
-        '1 by '//short_text(near, 1)//': finer steps would tell the others better', text)
+      if (near > 10*max(cycle%error(cycle%time), so_near)) call text%warn('the multiplier that belongs to time differs from 1 '// &
+        'by '//short_text(near, 1)//': finer steps would tell the others better')
     end if
-    if (cycle%grazes) call warn(run, 'events change on both sides of the cycle, as where a stop is just touched: it has no '// &
-                                'multipliers, and those told mean little', text)
+    if (cycle%grazes) call text%warn('events change on both sides of the cycle, as where a stop is just touched: it has no '// &
+                                     'multipliers, and those told mean little')
     mu = 0.0_wp
     near = so_near
     what = 'any disturbance'
@@ -128,22 +123,20 @@ contains
     way = 'beat'
     if (abs(mu%im) <= near) way = trim(merge('jump', 'flip', mu%re > 0.0_wp))
     call text%member('stable', either('true', 'false', modulus <= 1 + near))
-    call text%member('largest_multiplier', json_number(modulus))
+    call text%line('  largest multiplier: {largest_multiplier 8}', [modulus])
     if (modulus < 1 - near) then
-      call text%figure('  ', 'stability', 'stable')
+      call text%say('  {stability=stable}: '//what)
       if (modulus > so_near) then
-        call text%line(': '//what//' falls to a hundredth in '//to_text(anint(10*log(0.01_wp)/log(modulus))/10)//' turns')
+        call text%line(' falls to a hundredth in {turns_to_hundredth} turns', [log(0.01_wp)/log(modulus)])
       else
-        call text%line(': '//what//' is gone after a turn')
+        call text%line(' is gone after a turn')
       end if
       return
     else if (modulus <= 1 + near) then
-      call text%figure('  ', 'stability', 'undamped')
-      call text%line(': '//what//' neither falls nor grows')
+      call text%line('  {stability=undamped}: '//what//' neither falls nor grows')
       if (way == 'jump') call text%line('  nothing brings it back: the cycle is one of a family')
     else
-      call text%figure('  ', 'stability', 'unstable')
-      call text%line(': '//what//' grows '//to_text(anint(1.0e3_wp*modulus)/1.0e3_wp)//' times a turn')
+      call text%line('  {stability=unstable}: '//what//' grows '//to_text(modulus)//' times a turn')
       if (way == 'jump') call text%line('  it leads away to one side: to another cycle, or to none')
     end if
     call text%member('way', json_text(way))
@@ -171,16 +164,8 @@ contains
     type(summary_record), intent(inout) :: text
     real(wp) :: x(7)
     x = figures(cycle, k)
-    call text%open('', '{')
-    call text%figure('  multiplier '//to_text(number)//': ', 'real', x(1), 8)
-    call text%figure(either(' + ', ' - ', .not. x(2) < 0.0_wp)//es_text(abs(x(2)), 8)//'i, modulus ', 'modulus', x(3), 8)
-    call text%member('imag', json_number(x(2)))
-    call text%figure(', error ', 'error', x(4), 1)
-    call text%figure('; growth ', 'growth', x(5), 3)
-    call text%figure(' 1/s at ', 'frequency', abs(x(6)), 3)
-    call text%words%add(' Hz; moves ')
-    call text%figure('', 'moves', mover(run, cycle, k), rest='')
-    call text%close()
+    call text%item('  multiplier '//to_text(number)//': {real 8} {imag 8} i, modulus {modulus 8}, error {error 1}; growth '// &
+                   '{growth 3} 1/s at {frequency 3} Hz; moves {moves='//mover(run, cycle, k)//'}', [x(1:5), abs(x(6))])
   end subroutine one_multiplier
 
   !> Figures of a multiplier: real and imaginary part, modulus, error, growth, frequency, turns to a hundredth.
