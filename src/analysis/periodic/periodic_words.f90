@@ -78,9 +78,9 @@ contains
     type(summary_record), intent(inout) :: text
     integer :: k, n
     call text%section('periodic', 'periodic')
-    call text%line('  period {period 9} s, repeats to {residual 1} after {turns_to_cycle #} turns of {steps #} steps; all turns: '// &
-      '{turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, cycle%turns_to_cycle, &
-      cycle%turn%steps, cycle%turns, cycle%turn%end(2*run%sys%m%s%nq + run%sys%m%s%nz + run%sys%m%s%nzd + 1)])
+    call text%line('  period {period 9} s, repeats to {residual 1} after {turns_to_cycle #} turns of {steps #} steps; all '// &
+      'turns: {turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, &
+      cycle%turns_to_cycle, cycle%turn%steps, cycle%turns, cycle%turn%end(2*run%sys%m%s%nq + run%sys%m%s%nz + run%sys%m%s%nzd + 1)])
     if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, text)
     call text%open('multipliers', '[')
     n = 0
