@@ -112,12 +112,13 @@ contains
       if ((trials >= quick_trials .and. mod(trials, 2) == 0) .or. .not. left%h + s > left%h) s = 0.5_wp*(right(n)%h - left%h)
       trials = trials + 1
       h = left%h + s
+      if (.not. h > left%h) h = right(n)%h     ! no length lies between
       march%tried = march%t + h
       march%roots%locating = .true.
       call march%try_step(system, h, ok)
       march%roots%locating = .false.
       if (.not. ok) return
-      found = .not. h < right(n)%h             ! no length lies between
+      found = .not. h < right(n)%h
       if (found) exit
       n = n + 1
       call roots_at_trial(march, system, h, right(n))
