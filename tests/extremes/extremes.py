@@ -83,13 +83,12 @@ def picture_of_factors(rows: list[Row], path: Path) -> None:
         for k, (method, (colour, mark)) in enumerate(STYLES.items()):
             mine = [row for row in rows if row.case.method == method and row.figure == row.figure]
             places = [factors.index(row.case.factor) + 0.2 * (k - 1.5) for row in mine]
-            shares = [max(row.figure / row.case.limit, LEAST) for row in mine]
+            shares = [share(row) for row in mine]
             axis.semilogx(shares, places, mark, color=colour, ms=4, mec="none", alpha=0.7, label=method)
         axis.axvline(1.0, color="black", lw=1.0, ls="--", label="what was stated")
         wrong = [row for row in rows if not row.passed]
         for row in wrong:
-            share = row.figure / row.case.limit if row.figure == row.figure else 1.0
-            axis.plot(max(share, LEAST), factors.index(row.case.factor), "o", mec=WRONG, mfc="none", ms=11, mew=1.5)
+            axis.plot(share(row), factors.index(row.case.factor), "o", mec=WRONG, mfc="none", ms=11, mew=1.5)
         told = axis.secondary_yaxis("right")
         for one, words in ((axis, factors), (told, [refused(rows, factor) for factor in factors])):
             one.set_yticks(range(len(factors)), words, fontsize=9)
@@ -100,6 +99,13 @@ def picture_of_factors(rows: list[Row], path: Path) -> None:
         figure.suptitle(f"{len(rows)} cases, {len(rows) - len(wrong)} as stated" + " (circles: not)" * bool(wrong), fontsize=10)
     figure.savefig(path, dpi=100)
     plt.close(figure)
+
+
+def share(row: Row) -> float:
+    """Return a figure over its limit as it is drawn; at the line where there is none, or no limit but zero and more than that."""
+    if row.case.limit > 0.0 and row.figure == row.figure:
+        return max(row.figure / row.case.limit, LEAST)
+    return LEAST if row.passed else 1.0
 
 
 def refused(rows: list[Row], factor: str) -> str:
