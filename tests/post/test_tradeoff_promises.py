@@ -59,7 +59,7 @@ def test_a_study_in_which_no_run_ends_says_how_far_they_came_and_what_would_do(b
     monkeypatch.setattr(deck_runs.time, "process_time", lambda: 0.0)  # what the other tests took is no loading of the tool
     program = tmp_path / "slow"
     said = "deck.nml: stopped by signal 15 at t =  2.000000E-03 s; biela --restart continues from there"
-    reads = f'[ "$1" = --flat ] && exec {biela} "$@"'  # decks are read; runs never end
+    reads = f'[ "$1" = --flat ] && exec \'{biela}\' "$@"'  # decks are read; runs never end
     program.write_text(f"#!/bin/sh\n{reads}\ntrap \"echo '{said}' >&2; exit 143\" TERM\nwhile :; do sleep 0.01; done\n")
     program.chmod(0o755)
     words = [str(CRANK), "--biela", str(program), "--output", str(tmp_path / "study"), "--quiet", "--time", "3", "--jobs", "2"]
