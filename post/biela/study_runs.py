@@ -180,7 +180,7 @@ class StudyRuns:
 
     def __exit__(self, *_: object) -> None:
         if self.pool:
-            self.pool.shutdown(wait=False, cancel_futures=True)
+            self.pool.shutdown(wait=False, **({} if self.options.scheduler else {"cancel_futures": True}))  # Dask's always does
         self.progress.clear()
 
     def entries(self, study: Study) -> list[dict]:
@@ -218,5 +218,4 @@ class StudyRuns:
                 left = (time.monotonic() - begun) / max(done, 1) * (len(wanted) - done)
                 self.progress.show("runs", done, len(wanted), f", {left:.0f} s left")
         except KeyboardInterrupt:
-            self.pool.shutdown(wait=False, cancel_futures=True)
             raise HistoryError(f"interrupted after {done} of {len(wanted)} runs; the same command continues") from None
