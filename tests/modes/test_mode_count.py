@@ -73,12 +73,13 @@ def scene(seed, elements=(1, 4)):
 
 
 def means(poles, apart=1e-5):
-    """Return poles, those that are double as the mean of both.
+    """Return poles, those that are double as the mean of both; crowds as they are.
 
     A double pole with one shape moves by the square root of what is rounded: in numpy by that of the kernels that its BLAS picks.
     The mean moves by the rounding alone.
     """
-    return np.array([np.mean(poles[np.abs(poles - s) <= apart * abs(s)]) for s in poles])
+    near = [poles[np.abs(poles - s) <= apart * abs(s)] for s in poles]
+    return np.array([np.mean(both) if len(both) == 2 else s for s, both in zip(poles, near)])
 
 
 def nearest(found, expected):
