@@ -100,9 +100,13 @@ probe: $(PROBE) $(TOYS)    ## bin/probe, bin/tangent, bin/terms: the solver's in
 setup: $(TOOLS) $(VENV)            ## compiler, LAPACK and the Python packages, whatever is missing
 
 demo: $(BIELA) $(VENV)             ## the slider-crank, elastic against viscoelastic: figures and pictures
-	@$(RUN) post/demo.py --biela $(BIELA)
+	@$(BIELA) --quiet input/slider_crank_elastic.nml input/slider_crank_viscoelastic.nml
+	@$(RUN) post/plot.py results/slider_crank_elastic results/slider_crank_viscoelastic --columns qf4.qd qf4.qdd \
+	  --labels undamped viscoelastic --title 'Slider-crank: rotation of the middle node' --output results/demo/slider_crank
+	@$(RUN) post/animate.py results/slider_crank_elastic --exaggerate 30 --frames 60 --output results/demo/motion
+	@$(RUN) post/sweep.py input/studies/damping.toml --biela $(BIELA) --no-pictures
 joints: $(BIELA) $(VENV)           ## damping in the rod, in the joint, in both: table and picture
-	@$(RUN) post/attenuation.py --biela $(BIELA)
+	@$(RUN) post/sweep.py input/studies/joints.toml --biela $(BIELA)
 
 test: $(BIELA) $(PROBE) $(TOYS) $(BENCH) $(VENV)    ## all tests (the bench's program is built only)
 	@BIELA=$(BIELA) PROBE=bin/probe$(SUFFIX) TANGENT=bin/tangent$(SUFFIX) TERMS=bin/terms$(SUFFIX) \

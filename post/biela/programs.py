@@ -386,13 +386,12 @@ def tradeoff(p: Parser) -> None:
       tradeoff.txt         every run: error, seconds, evaluations; what each removal changes; the cheapest adequate setting
       recommended.nml      the deck with that setting and model, comments kept; error and speed-up are those of its own run
       work_precision.png   error against seconds
-      kept/                all runs, by the hash of their deck: an interrupted study resumes
+      journal.jsonl        all runs: an interrupted study goes on from there
 
-    The truth is the deck's own model converged in time (--truth deck), or a refined one (--truth refined: nodal coordinates, axial
-    deformation, a finer mesh); materials, loads and bodies that the deck calls rigid are taken as they are.
+    The truth is the deck's own model by passes of the solver until they agree (accuracy=, --truth deck), or that on refined meshes
+    (--truth refined: nodal coordinates, axial deformation); materials, loads and rigid bodies are taken as they are.
 
-    Exit status: 0 recommended.nml meets the tolerance, 1 nothing does (within the budget), 2 the deck or the command line is wrong,
-    130 interrupted: the same command continues.
+    Exit status: 0 recommended.nml meets the tolerance, 1 nothing does (within the budget), 2 the deck or the command line is wrong.
 
     Example: post/tradeoff.py input/four_bar.nml --sensor rocker motor --tolerance 1e-2
     """
@@ -408,43 +407,5 @@ def tradeoff(p: Parser) -> None:
     p.add("--jobs", type=count, default=os.cpu_count() or 1, help="runs at a time (%(default)s)")
     p.add("--longest-run", **seconds, default=120.0, help="of any run at most (%(default)g)")
     p.add("--time", **seconds, default=600.0, help="of the whole study (%(default)g)")
-    p.add("--quiet", action="store_true", help="no progress bar")
-
-
-@program("attenuation.work", failed=1)
-def attenuation(p: Parser) -> None:
-    """What took the energy of a run: friction, stops, viscoelastic materials, dampers.
-
-    With decks: runs them, prints what each joint, stop, spring and term of a material has lost, and draws it: over time, and by
-    cause (results/<deck name>/losses.png). Without: damping in the rod, in the joint, in both (the four decks
-    slider_crank_joint_*), a table of the attenuation and a picture in results/joints/, as `make joints` does.
-
-    Example: post/attenuation.py input/friction_slider_crank.nml
-    """
-    p.add_solver()
-    p.add("decks", type=Path, nargs="*", metavar="DECK.nml", help="whose losses are told")
-
-
-@program("demo.demonstrate", failed=1)
-def demo(p: Parser) -> None:
-    """The slider-crank of Vaz, Rade & Lima, undamped against viscoelastic: runs the decks, draws, prints the attenuation.
-
-    `make demo` calls it from the project's root. Results go to results/<deck name>/, pictures to results/demo/.
-
-    Example: post/demo.py
-    """
-    p.add_solver()
-
-
-@program("ivp_crank.work", failed=1)
-def ivp_crank(p: Parser) -> None:
-    """The flexible slider-crank of the IVP test set: error against its converged history and cost, for every method.
-
-    Runs input/ivp_slider_crank.nml with several meshes, methods and steps; prints the table and draws error against evaluations.
-    The converged history (linear elasticity, by an independent program) is tests/reference/published/crank_conv_lin_ini2.csv.
-
-    Example: post/ivp_crank.py
-    """
-    p.add_solver()
-    p.add("--methods", nargs="+", choices=[*METHODS, "radau adaptive"], default=[*METHODS, "radau adaptive"], help="curves (all)")
-    p.add("--output", type=Path, default=Path("results") / "ivp_crank", help="folder (%(default)s)")
+    p.add("--scheduler", metavar="ADDRESS", help="address of a Dask scheduler, instead of this machine's cores")
+    p.add("--quiet", action="store_true", help="no progress line")

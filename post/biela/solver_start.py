@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
+import signal
 import subprocess
 from pathlib import Path
 
@@ -30,6 +32,13 @@ def start(words: list, folder: Path) -> subprocess.Popen:
 def status(solver: subprocess.Popen) -> int:
     """Return the exit status of a solver that has ended, minus the number of the signal that stopped it."""
     return solver.returncode if solver.returncode <= 128 else 128 - solver.returncode
+
+
+def end(solver: subprocess.Popen) -> None:
+    """Stop a solver that was started here, and what it started."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(solver.pid, signal.SIGKILL)
+    solver.communicate()
 
 
 @functools.cache

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import shutil
 import time
 from collections.abc import Iterator
@@ -76,31 +77,34 @@ def _entry(line: str, results: int) -> dict | None:
 
 def digest(biela: Path) -> str:
     """Return a hash of what runs and measures."""
-    programs = biela, *(FOLDER / "biela" / name for name in ("sweep_run.py", "sweep_scalars.py", "fatigue.py"))
+    names = ("sweep_run.py", "sweep_scalars.py", "fatigue.py", "tradeoff_errors.py")
+    programs = biela, *(FOLDER / "biela" / name for name in names)
     return hashlib.sha256(b"".join(path.read_bytes() for path in programs)).hexdigest()
 
 
-def keys(study: Study, text: str, solver: str) -> list[str]:
-    """Return a key for each run: a hash of solver (`digest`), deck, values and measures. The same key means the same run."""
-    targets = [[one.name, one.targets, one.catalogue] for one in study.parameters]
-    common = json.dumps([solver, text, [asdict(scalar) for scalar in study.scalars], targets, study.extremes, study.check])
+def keys(study: Study, text: str, solver: str, runs: list[tuple[str, ...]]) -> list[str]:
+    """Return a key for each run: a hash of solver (`digest`), deck, settings and measures. The same key means the same run."""
+    measured = asdict(study.measured) if study.measured else [asdict(scalar) for scalar in study.scalars]
+    common = json.dumps([solver, text, measured, study.extremes, study.check])
     head = hashlib.sha256(common.encode())
     found = []
-    for point in study.points:
+    for run in runs:
         own = head.copy()
-        own.update(json.dumps(point, default=str).encode())
+        own.update(json.dumps(run).encode())
         found.append(own.hexdigest()[:24])
     return found
 
 
-def batches(study: Study, deck: Deck, wanted: list[int], options: StudyOptions, folder: Path) -> Iterator[Batch]:
-    """Yield batches of the runs that are still to be made."""
-    common = common_settings(study, deck, not options.keep)
-    size = max(1, min(BATCH, len(wanted) // (4 * options.workers) or 1))
+def batches(
+    study: Study, common: tuple[str, ...], runs: list[tuple[str, ...]], wanted: list[int], options: StudyOptions, folder: Path
+) -> Iterator[Batch]:
+    """Yield batches of the runs that are still to be made, one a batch where each may take so long only."""
+    size = max(1, min(BATCH if math.isinf(options.longest) else 1, len(wanted) // (4 * options.workers) or 1))
     for first in range(0, len(wanted), size):
-        runs = {number: (*settings_of(study, study.points[number]), *common) for number in wanted[first : first + size]}
+        some = {number: (*runs[number], *common) for number in wanted[first : first + size]}
         keep = str(folder / "runs") if options.keep else None
-        yield Batch(str(options.biela.resolve()), str(study.deck), runs, study.scalars, keep, study.extremes, study.check)
+        how = study.extremes, study.check, study.measured, options.longest
+        yield Batch(str(options.biela.resolve()), str(study.deck), some, study.scalars, keep, *how)
 
 
 def _on_worker(folder: str, batch: bytes) -> list[Row]:
@@ -171,7 +175,7 @@ class StudyRuns:
         self.digest = ""
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self.journal = Journal(folder / "journal.jsonl", len(study.scalars))
+            self.journal = Journal(folder / "journal.jsonl", len(study.measured.names if study.measured else study.scalars))
         except OSError as fault:
             raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None
 
@@ -184,23 +188,32 @@ class StudyRuns:
         self.progress.clear()
 
     def entries(self, study: Study) -> list[dict]:
-        """Make the runs of the study's points that the journal does not have, and return what it has of all.
+        """Return what the journal has of the study's points, missing runs are made; errors are those of `run_all`."""
+        return self.run_all(study, [settings_of(study, point) for point in study.points])
+
+    def run_all(self, study: Study, runs: list[tuple[str, ...]]) -> list[dict]:
+        """Make runs that the journal does not have, and return what it has of all.
+
+        Args:
+            study: of what is measured
+            runs: NAME=VALUE of each
 
         Raises:
             HistoryError: Ctrl-C, where the finished ones stay in the journal; the solver or the journal cannot be used.
         """
         try:
-            return self._entries(study)
+            return self._run_all(study, runs)
         except OSError as fault:
             raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
 
-    def _entries(self, study: Study) -> list[dict]:
+    def _run_all(self, study: Study, runs: list[tuple[str, ...]]) -> list[dict]:
         self.digest = self.digest or digest(self.options.biela)
-        found = keys(study, self.text, self.digest)
+        found = keys(study, self.text, self.digest, runs)
         begin_kept(self.folder / "runs", found, self.options.keep)
         wanted = [k for k, key in enumerate(found) if key not in self.journal.done]
         begun, done = time.monotonic(), 0
-        waiting = batches(study, self.deck, wanted, self.options, self.folder)
+        common = common_settings(study, self.deck, not self.options.keep) if wanted else ()
+        waiting = batches(study, common, runs, wanted, self.options, self.folder)
         if wanted and not self.pool:
             self.pool = executor(self.options)
         running: set[Future] = set()

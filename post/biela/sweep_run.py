@@ -6,9 +6,11 @@ handing over one run at a time would cost more than the run.
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import shutil
+import subprocess
 import tempfile
 import threading
 from dataclasses import dataclass, field
@@ -35,6 +37,8 @@ class Batch:
         keep: folder in which decks and results stay, None: they are deleted
         extremes: whether the rows list the extremes of columns
         check: each run measures its own error, which costs three times as much
+        measured: measures a run in place of scalars
+        longest: seconds after which a run is stopped [s]
     """
 
     biela: str
@@ -44,6 +48,8 @@ class Batch:
     keep: str | None
     extremes: bool = False
     check: bool = False
+    measured: object = None
+    longest: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -109,9 +115,14 @@ def _rows(batch: Batch, folder: Path) -> list[Row]:
     for number, path in decks.items():
         path.write_text(including(Path(batch.deck), batch.runs[number]), encoding="utf-8")
     with solver_start.start([batch.biela, "--quiet", *(path.name for path in decks.values())], folder) as solver:
-        solver.communicate()
-    status = solver_start.status(solver)
-    stopped = f"the solver was stopped by signal {-status}" if status < 0 else ""
+        stopped = ""
+        try:
+            solver.communicate(timeout=batch.longest if math.isfinite(batch.longest) else None)
+        except subprocess.TimeoutExpired:
+            solver_start.end(solver)
+            stopped = f"stopped after {batch.longest:g} s"
+    if not stopped and solver_start.status(solver) < 0:
+        stopped = f"the solver was stopped by signal {-solver_start.status(solver)}"
     return [_row(number, folder / "results" / path.stem, path, batch, stopped) for number, path in decks.items()]
 
 
@@ -131,12 +142,12 @@ def _row(number: int, results: Path, deck: Path, batch: Batch, stopped: str) -> 
     """Return the numbers of a run that came to its end, else the reason why it did not."""
     try:
         summary = read_summary(results)
-        reason = "" if summary["status"] == 0 else summary["outcome"]
+        reason = "" if summary.get("status") == 0 else stopped or summary["outcome"]
     except HistoryError:  # the deck was refused: the solver says why when it is asked for this one alone
         reason = stopped or _refusal(batch, deck)
     if not reason:
         try:
-            found = measure(results, batch.scalars, batch.extremes, batch.check)
+            found = batch.measured.of(results) if batch.measured else measure(results, batch.scalars, batch.extremes, batch.check)
             extremes = found.extremes if batch.extremes else []
             return Row(number, found.values, found.units, "", extremes, found.errors, found.differences)
         except ValueError as fault:

@@ -112,6 +112,7 @@ class StudyOptions:
         at: 'NAME=VALUE' of parameters at which sensitivities are taken
         start: rows before do not count for results that do not say `from` themselves [s]
         end: rows after do not count for results that do not say `to` themselves [s]
+        longest: seconds after which a run is stopped [s]
         shown: the progress is shown, where standard error is a terminal
     """
 
@@ -126,6 +127,7 @@ class StudyOptions:
     at: tuple[str, ...] = ()
     start: float = -math.inf
     end: float = math.inf
+    longest: float = math.inf
     shown: bool = False
 
     @property
@@ -155,6 +157,7 @@ class Study:
         extremes: the runs tell those of columns
         check: the runs measure their own errors
         quantiles: of the results, where the points are drawn at random; none where they are not
+        measured: a record that measures a run in place of scalars: `of(folder)`, and the `names` of what it gives
     """
 
     name: str
@@ -169,6 +172,7 @@ class Study:
     extremes: bool = False
     check: bool = False
     quantiles: tuple[float, ...] = ()
+    measured: object = None
 
 
 def read(path: Path, design: bool = True) -> Study:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import pandas
 
 COMPARISONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+SHOWN = 12  # rows of a table that is printed
 CONDITION = re.compile(r"\s*(\w+)\s*(<=|>=|<|>)\s*(\S+)\s*")
 
 
@@ -154,6 +155,13 @@ def _with_shapes(scalars: tuple[Scalar, ...], deck: Deck, biela: Path) -> tuple[
     return tuple(replace(one, shape=parts[one.mode - 1]) if one.mode else one for one in scalars)
 
 
+def table_lines(found: Sweep) -> list[str]:
+    """Return the table of a sweep in lines, without the reasons of failures."""
+    shown = [found.header[:-1], *([f"{x:.5g}" if isinstance(x, float) else str(x) for x in row[:-1]] for row in found.rows)]
+    wide = [max(map(len, column)) for column in zip(*shown)]
+    return ["  " + "  ".join(word.rjust(width) for word, width in zip(row, wide)).rstrip() for row in shown]
+
+
 def tell(tool: str, warnings: list[str]) -> None:
     """Print the warnings of a program."""
     for words in warnings:
@@ -253,6 +261,8 @@ def work(args: argparse.Namespace) -> int:
     goal, conditions = options.best or study.best, [*study.where, *options.where]
     tell("sweep", result.warnings)
     print(f"{len(rows)} runs, {len(result.failed)} failed; table in {result.folder / 'table.csv'}")
+    if len(rows) <= SHOWN:
+        print("\n".join(table_lines(result)))
     for row in result.failed[:3]:
         print(f"  failed: {', '.join(f'{p.name} = {v}' for p, v in zip(study.parameters, row))}: {row[-1]}")
     for line in lines_of(result, options.where):

@@ -3,336 +3,446 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import html
 import math
-import os
-import signal
-import sys
+import shutil
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .command import options_of
-from .deck_models import effective_removals
-from .deck_runs import InterruptedRunsError, Outcome, OutOfTimeError, Runner, RunsError
-from .deck_text import DeckError, DeckText, parse, read
-from .tradeoff_causes import PARTS, cancellation, deciding, offset
-from .tradeoff_errors import Compared, error_of, sizes_of
-from .tradeoff_report import Result, head, nothing_finished, own_setting, setting_words, table, verdict
-from .tradeoff_search import EFFECT, cheapest, simplify
+import numpy as np
+
+from .command import call_solver, options_of
+from .deck import Deck, read
+from .histories import read_summary
+from .result_files import BielaError
+from .study_runs import StudyRuns
+from .sweep_study import Study, StudyOptions
+from .tradeoff_errors import Errors, against
+from .tradeoff_models import Change, ImpossibleError, refined, removals
 from .tradeoff_settings import (
     FAMILIES,
     METHODS,
+    Grid,
     Setting,
     TradeoffOptions,
-    columns,
     grid_of,
-    length_of,
+    lean,
+    own_setting,
     sensors,
     with_accuracy,
-    with_checks,
     with_setting,
 )
-from .tradeoff_study import EVALUATION_COST, FULL, Point, Study
-from .tradeoff_truth import Base, as_written, deck_truth, effect_settings, left_out, parts, refined_truth
 
 if TYPE_CHECKING:
     import pandas
 
-FINALISTS = 4
-NEAR = 1.5  # settings whose cost is within this factor of the least are timed again, one at a time
-CLOCK = 0.05  # [s] longer runs are ranked by measured time, shorter ones by counts
-# shares of --time at which these phases end: the deck as written, the reference, the search
-WRITTEN, REFERENCE, SEARCH = 0.25, 0.5, 0.85
-DRAWING = 0.7  # [s] of the processor that table and picture take
-
-
-def first_guesses(study: Study, base: Base) -> dict[str, Setting]:
-    """Return, by family, the coarsest setting of the full model's curve that meets the tolerance."""
-    found = {}
-    for curve in base.curves:
-        good = [s for s, o in zip(curve.settings, curve.outcomes) if error_of(o, study.truth).largest <= study.allowed_error]
-        found[curve.family] = good[0] if good else curve.settings[-1]
-    return found
-
-
-def search(study: Study, base: Base, result: Result) -> None:
-    """Find the cheapest setting that is accurate enough, for each model from the full one to the smallest."""
-    starts = first_guesses(study, base)
-    families = [curve.family for curve in base.curves]
-    if study.allowed_error <= 0.0:
-        return
-    best = cheapest(study, FULL, base.deck, starts, math.inf, "full model: settings", families)
-    if best is None:
-        return
-    result.important, notes = left_out(study, base, best)
-    result.notes += notes
-    study.families = families
-    effects = effect_settings(study, best, EFFECT)[:3]
-    result.path = simplify(study, base.deck, best, effects, starts)
-    last = result.path[-1]
-    if len(result.path) > 1:
-        rest = [s for k in range(-8, 13, 2) if (s := last.setting.finer(k)).exists()]
-        study.measure(last.model, last.deck, rest, "curve of the smallest model")
-    result.important += deciding(study, base, best, effects, starts)
-
-
-def explore(study: Study, base: Base, result: Result) -> None:
-    """Search as long as there is time; what was measured stays in the study."""
-    for curve in base.curves:
-        longest = curve.outcomes[-1]
-        study.rates[curve.family] = curve.cost / (longest.evaluations * (longest.unknowns + EVALUATION_COST))
-        study.keep(FULL, base.deck, curve.settings, curve.outcomes)
-    with contextlib.suppress(OutOfTimeError):
-        search(study, base, result)
-    if study.runner.late():
-        ended = f"the search was ended by --time {study.runner.time:g}; the same command with more goes on from there"
-        result.notes.append(ended)
-
-
-def choose(study: Study, budget: float) -> Point | None:
-    """Return the cheapest point that is accurate enough, else the most accurate one within the budget; the best few are timed."""
-    good = sorted((p for p in study.points if p.error.largest <= study.allowed_error), key=study.ranking_cost)[:FINALISTS]
-    alone = []
-    for point in (p for p in good if study.ranking_cost(p) <= NEAR * study.ranking_cost(good[0])):
-        with contextlib.suppress(OutOfTimeError):
-            alone.append(replace(point, outcome=study.runner.timed(study.text(point.deck, point.setting))))
-    best = min(alone or good, key=lambda p: p.cost if p.cost > CLOCK else study.ranking_cost(p), default=None)
-    if best and best.cost <= budget:
-        return best
-    affordable = [p for p in study.points if p.cost <= budget]
-    return min(affordable, key=lambda p: p.error.largest, default=None) if math.isfinite(budget) else None
-
-
-def recommend(study: Study, result: Result, point: Point | None, folder: Path) -> None:
-    """Write recommended.nml: a point's deck as a run of its own shows it, or the deck as written where none does better.
-
-    A run that met the tolerance by luck misses it with other rows, at which its steps end: then the next best point is taken.
-    """
-    while point:
-        verify(study, result, point)
-        found = result.chosen.error
-        if found.largest <= study.allowed_error or point.error.largest > study.allowed_error:
-            break
-        same = [(p.model, p.setting) == (point.model, point.setting) for p in study.points]
-        study.points = [replace(p, error=found) if lost else p for p, lost in zip(study.points, same)]
-        point = choose(study, result.budget) if any(same) else None
-    written, chosen = result.written, result.chosen
-    study.update(FULL, own_setting(written.deck), written)
-    if point:
-        study.update(point.model, setting_words(study, point), chosen)
-    if written.error.largest <= study.allowed_error and written.cost <= min(chosen.cost if chosen else math.inf, result.budget):
-        result.chosen, result.taken = replace(written, model="recommended.nml"), []
-    elif chosen:
-        with contextlib.suppress(OutOfTimeError):
-            result.important += cancellation(study, point, chosen.error.largest) if point else []
-    if result.chosen:
-        result.meets = result.chosen.error.largest <= study.allowed_error
-        (folder / "recommended.nml").write_text(head(study, result) + result.chosen.deck.text, encoding="utf-8")
-
-
-def verify(study: Study, result: Result, point: Point) -> None:
-    """Run a point's deck as recommended.nml will be, in turn with the deck as written."""
-    deck = with_setting(point.deck, point.setting, study.grid, study.grid.stated or study.grid.interval)
-    written = result.written
-    try:
-        if written.outcome.ok:
-            outcome, again = study.runner.timed_in_turn(deck.text, written.deck.text)
-            result.written = replace(written, outcome=again)
-        else:
-            outcome = study.runner.timed(deck.text)
-    except OutOfTimeError:
-        outcome = point.outcome
-        result.notes.append("the time ended: the figures of recommended.nml are those of the same run of the search")
-    if not outcome.ok:
-        raise RunsError(f"recommended.nml does not run: {outcome.message}")
-    result.chosen = Point("recommended.nml", point.setting, deck, outcome, error_of(outcome, study.truth))
-    result.taken = [] if point.model == FULL else effective_removals(point.model.split("; "))
-
-
-def run_with_accuracy(study: Study, result: Result, deck: DeckText) -> None:
-    """Run the deck with the tolerance as its `accuracy`, where there is time: where that lies beside the curves."""
-    text = with_accuracy(deck, study.tolerance, study.grid, study.asked)
-    with contextlib.suppress(OutOfTimeError):
-        outcome = study.runner.timed(text)
-        if outcome.ok:
-            found = error_of(outcome, study.truth)
-            result.accuracy_run = Point(f"accuracy={study.tolerance:g}", None, parse(text), outcome, found)
-            figures = f"error {found.largest:.1e}, {outcome.seconds:.4f} s with all its passes"
-            result.notes.append(f"accuracy={study.tolerance:g} in &transient: {figures}")
-        checked = with_checks(deck, study.tolerance, study.grid, study.asked)
-        if checked:
-            outcome = study.runner.all([checked])[0]
-            result.model_errors = outcome.model_errors
-            if not outcome.ok:
-                result.notes.append(f"errors of modes and meshes are not estimated: {outcome.message}")
-
-
-def split(study: Study, result: Result, deck: DeckText, doublings: int) -> None:
-    """Split the errors of the deck as written and of the recommended one into parts; a model that fails leaves a note instead."""
-    for name, point in (("deck as written", result.written), ("recommended.nml", result.chosen)):
-        if point is None or not point.outcome.ok:
-            continue
-        try:
-            found = parts(study, deck, point.deck, point.outcome, doublings)
-        except (RunsError, OutOfTimeError) as fault:
-            result.notes.append(f"{name}: its error is not split: {str(fault) or 'the time ended'}")
-            continue
-        result.parts.append((name, *found))
-        result.important += offset(name, dict(zip(PARTS, (part.largest for part in found))), point.error.largest, study.tolerance)
-
-
-def study_of(options: TradeoffOptions, deck: DeckText, folder: Path) -> Study:
-    """Return an empty study of a deck."""
-    wanted = sensors(deck, options.sensor)
-    families = [name for name, (method, _) in FAMILIES.items() if method in options.methods]
-    jobs = options.jobs or os.cpu_count() or 1
-    runner = Runner(options.biela, folder / "kept", jobs, options.longest_run, not options.shown, options.time)
-    runner.loading_seconds = options.loading_seconds
-    grid = grid_of(deck)
-    compared = Compared(sizes_of(length_of(deck), grid.interval), sensors=frozenset(wanted))
-    return Study(runner, grid, deck.needed_sensors(wanted), options.tolerance, families, compared)
-
-
-def choose_columns(study: Study, deck: DeckText, written: Outcome, wanted: list[str]) -> None:
-    """Let the study compare the columns that were named; DeckError for one that does not exist."""
-    if not any("." in word for word in wanted):
-        return
-    names = written.names
-    if not names:  # the run was not finished: the beginning of it tells the names
-        transient = deck.one("transient")
-        short = {"t_end": f"{study.grid.interval:.17g}", "output_step": f"{study.grid.interval:.17g}"}
-        names = study.runner.one(deck.set(transient, **short).text).names
-    study.compared = replace(study.compared, columns=columns(names, wanted))
-
-
-def methods_left_out(options: TradeoffOptions, study: Study, base: Base) -> list[str]:
-    """Return the methods that no curve shows, each with the reason."""
-    shown = {curve.family for curve in base.curves}
-    missing = {name: method for name, (method, _) in FAMILIES.items() if name not in shown}
-    failed, unasked = "there was no time for it", "not in --methods"
-    why = {name: study.reasons.get(name, failed) if method in options.methods else unasked for name, method in missing.items()}
-    return [f"{name}: {reason}" for name, reason in why.items()]
+FULL = "full model"
+CERTAIN = 0.05  # the truth is asked for with this share of the tolerance
+MESHES = 3  # doublings of the mesh at most
+SETTLED = 0.1  # the mesh is refined until its uncertainty is below this share of the tolerance
+BELOW = 0.1  # curves go on until their error is below this share of what is allowed
+LEVELS, DEAR, SHORT = 12, 4.0, 1.0  # of a curve at most; it ends where the next run costs so many times the best one, and [s] more
+OVERHEAD = 40  # fixed cost of an evaluation, in unknowns: small models are not cheaper than that
+EXACT = 2.0  # [s] shorter runs are ranked by counts of evaluations: their measured times vary too much
+GAIN = 0.97  # a removal pays where it lowers the cost below this share
+REPEATS = 5  # of the runs that are timed, in turn
 
 
 @dataclass(frozen=True)
+class Point:
+    """A model with a setting: its deck, how far it is off, what it costs.
+
+    Attributes:
+        model: what is taken out, '' for the model in full
+        setting: None: that of the deck itself
+        deck: that was run
+        values: by the names of `Errors.names`, empty where it failed
+        reason: why it failed
+    """
+
+    model: str
+    setting: Setting | None
+    deck: Deck
+    values: dict[str, float] = field(default_factory=dict)
+    reason: str = ""
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Largest error of each column over its range, and that of the events."""
+        return dict(list(self.values.items())[: list(self.values).index("rms")]) if self.values else {}
+
+    @property
+    def error(self) -> float:
+        """The largest of them; infinite where the run failed."""
+        return max(self.errors.values(), default=math.inf)
+
+    @property
+    def column(self) -> str:
+        """Which column that is."""
+        return max(self.errors, key=self.errors.get, default="")
+
+    @property
+    def seconds(self) -> float:
+        """Of the processor, analyses alone [s]."""
+        return self.values.get("seconds", math.inf)
+
+    @property
+    def work(self) -> float:
+        """Evaluations times unknowns: a cost that no machine changes."""
+        return self.values.get("evaluations", math.inf) * self.values.get("unknowns", math.inf)
+
+
+@dataclass
 class Tradeoff:
     """What a study of speed against accuracy has found.
 
     Attributes:
+        options: what was asked
         folder: of tradeoff.txt, recommended.nml and what was stored
-        study: its runs and their errors
-        result: the truth, the search, what is recommended; None where no run came to its end
-        verdict: a paragraph: what is recommended, or why nothing is
-        text: of tradeoff.txt
+        grid: times of the comparison
+        measured: the truth, and what of it is compared
+        truth: how it was made, in words
+        uncertainty: largest error that the truth itself may have, over the ranges [-]
+        points: everything that was run
+        removed: removals that were tried: round, label, error, whether it was taken
+        written: the deck as written
+        chosen: what is recommended, as a run of recommended.nml shows it; None where nothing can be
+        notes: on the truth and the search
+        warnings: of the solver on the deck as written, and what a user should know before he trusts the recommendation
     """
 
+    options: TradeoffOptions
     folder: Path
-    study: Study
-    result: Result | None
-    verdict: str
-    text: str
+    grid: Grid
+    measured: Errors | None = None
+    truth: str = ""
+    uncertainty: float = math.inf
+    points: list[Point] = field(default_factory=list)
+    removed: list[tuple[int, str, float, bool]] = field(default_factory=list)
+    written: Point | None = None
+    chosen: Point | None = None
+    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def allowed(self) -> float:
+        """The tolerance less the uncertainty of the truth; negative where no error can be shown to be small enough."""
+        return self.options.tolerance - self.uncertainty if self.uncertainty < self.options.tolerance else -1.0
 
     @property
     def meets(self) -> bool:
         """Whether the recommended deck is accurate enough."""
-        return self.result is not None and self.result.meets
-
-    @property
-    def warnings(self) -> list[str]:
-        """What the solver warns of, and what a user should know before he trusts the recommendation."""
-        return [*self.result.warnings, *self.result.important] if self.result else []
+        return self.chosen is not None and self.chosen.error <= self.allowed
 
     @property
     def recommended(self) -> Path | None:
         """The deck that is recommended, None where there is none."""
-        return self.folder / "recommended.nml" if self.result and self.result.chosen else None
+        return self.folder / "recommended.nml" if self.chosen else None
+
+    @property
+    def verdict(self) -> str:
+        """A paragraph: what is recommended, or why nothing is."""
+        from .tradeoff_words import verdict
+
+        return verdict(self)
+
+    @property
+    def text(self) -> str:
+        """That of tradeoff.txt."""
+        from .tradeoff_words import table
+
+        return table(self)
+
+    def setting(self, point: Point) -> str:
+        """Return a point's setting in words."""
+        return point.setting.words(self.grid) if point.setting else own_setting(point.deck)
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return all runs of the search: model, setting, error of the worst column's range, seconds, evaluations."""
         import pandas
 
-        def row(p: Point) -> list:
-            words = p.setting.words(self.study.grid)
-            return [p.model, words, p.error.largest, p.error.rms, p.error.column, p.cost, p.outcome.evaluations]
-
+        rows = [
+            [p.model or FULL, self.setting(p), p.error, p.values["rms"], p.column, p.seconds, int(p.values["evaluations"])]
+            for p in self.points
+        ]
         head = ["model", "setting", "error", "error_rms", "worst_column", "seconds_[s]", "evaluations"]
-        return pandas.DataFrame([row(p) for p in self.study.points], columns=head)
+        return pandas.DataFrame(rows, columns=head)
+
+    def picture(self):
+        """Draw error against seconds, one curve a method and model."""
+        from .tradeoff_words import picture
+
+        return picture(self)
 
     def _repr_html_(self) -> str:
         return f"<p>{html.escape(self.verdict)}</p>" + "".join(f"<p>{html.escape(words)}</p>" for words in self.warnings)
 
 
+class Search:
+    """Makes the runs of a trade-off and fills what it has found.
+
+    Attributes:
+        found: the trade-off
+        deck: as written
+        asked: names of the sensors that stay
+        runs: makes runs, each once
+        rates: seconds for an evaluation of one unknown, by family, from its longest run
+        begun: when the study began, by the clock [s]
+    """
+
+    def __init__(self, found: Tradeoff, deck: Deck, asked: set[str], runs: StudyRuns, begun: float) -> None:
+        self.found, self.deck, self.asked, self.runs = found, deck, asked, runs
+        self.rates: dict[str, float] = {}
+        self.begun = begun
+
+    @property
+    def left(self) -> float:
+        """Seconds that the study still has [s]."""
+        return self.found.options.time - (time.monotonic() - self.begun)
+
+    def measure(self, wanted: list[tuple[str, Deck, Setting]]) -> list[Point]:
+        """Run models with settings side by side, and keep the points that went to their end."""
+        grid = self.found.grid
+        decks = [with_setting(deck, setting, grid, grid.interval) for _, deck, setting in wanted]
+        study = Study("", self.deck.path, (), (), (), measured=self.found.measured)
+        entries = self.runs.run_all(study, [tuple(deck.words) for deck in decks]) if self.left > 0.0 else []
+        points = []
+        for (model, deck, setting), entry in zip(wanted, entries):
+            values = dict(zip(self.found.measured.names, entry["values"]))
+            points.append(Point(model, setting, deck, values, entry["reason"]))
+            if values and not any((p.model, p.setting) == (model, setting) for p in self.found.points):
+                self.found.points.append(points[-1])
+        return points
+
+    def cost(self, point: Point) -> float:
+        """Return what a point is ranked by: its seconds; where they are few, its counts times what such take in longer runs."""
+        if not point.values or point.seconds >= EXACT or point.setting.family not in self.rates:
+            return point.seconds
+        return point.values["evaluations"] * (point.values["unknowns"] + OVERHEAD) * self.rates[point.setting.family]
+
+    def adequate(self) -> list[Point]:
+        """Return the points that are accurate enough, the cheapest first."""
+        return sorted((p for p in self.found.points if p.error <= self.found.allowed), key=self.cost)
+
+    def curves(self, model: str, deck: Deck, first: dict[str, int]) -> None:
+        """Refine the settings of all families side by side, until each is far below what is allowed, or too dear.
+
+        Args:
+            model: its name
+            deck: the model
+            first: entry of each family's ladder with which its curve begins
+        """
+        live = {family: Setting(family, index) for family, index in first.items()}
+        for turn in range(LEVELS):
+            points = self.measure([(model, deck, setting) for setting in live.values()])
+            best = min((self.cost(p) for p in self.adequate()), default=math.inf)
+            for point in points:
+                if point.values:
+                    counts = point.values["evaluations"] * (point.values["unknowns"] + OVERHEAD)
+                    self.rates[point.setting.family] = point.seconds / max(counts, 1.0)
+                growth = 2.0 if point.setting.key == "step" else 10.0 ** (1.0 / 4.0)
+                next_one = point.setting.finer(2)
+                enough = turn > 1 and point.error <= BELOW * self.found.allowed
+                dear = growth * self.cost(point) > max(DEAR * best, SHORT) if point.values else "stopped after" in point.reason
+                if enough or dear or not next_one.exists():
+                    del live[point.setting.family]
+                else:
+                    live[point.setting.family] = next_one
+            if not live or not points:
+                return
+
+    def coarsest(self, points: list[Point]) -> list[Point]:
+        """Return, for each adequate point, the coarsest one of its model and family that is adequate."""
+        best, live = {id(p): p for p in points}, {id(p): p for p in points}
+        while live:
+            wanted = [(key, p, p.setting.finer(-1)) for key, p in live.items() if p.setting.finer(-1).exists()]
+            made = self.measure([(p.model, p.deck, setting) for _, p, setting in wanted])
+            live = {key: p for (key, _, _), p in zip(wanted, made) if p.error <= self.found.allowed}
+            best |= live
+        return list(best.values())
+
+    def simplify(self, best: Point) -> None:
+        """Take out of the model what the sensors do not need, one thing at a time, the one that saves most first."""
+        found, rejected, taken = self.found, set(), []
+        highest = 0.5 / found.grid.interval
+        for turn in range(1, 100):
+            options = [c for c in removals(best.deck, self.asked, highest, found.options.tolerance) if c.label not in rejected]
+            names = ["; ".join([*taken, change.label]) for change in options]
+            tried = self.measure([(name, change.deck, best.setting) for name, change in zip(names, options)])
+            failed = [k for k, p in enumerate(tried) if not p.values]  # an explicit step may be too long for the smaller model
+            again = self.measure([(names[k], options[k].deck, best.setting.finer(2)) for k in failed])
+            tried = [again[failed.index(k)] if k in failed and again else p for k, p in enumerate(tried)]
+            fit = _promising([(p, change) for p, change in zip(tried, options) if p.error <= found.allowed])
+            rejected |= {change.label for p, change in zip(tried, options) if p.error > found.allowed}
+            cheapest = dict(zip([change.label for _, change in fit], self.coarsest([p for p, _ in fit])))
+            label = min(cheapest, key=lambda one: self.cost(cheapest[one]), default="")
+            pays = bool(label) and self.cost(cheapest[label]) < GAIN * self.cost(best)
+            found.removed += [(turn, c.label, p.error, pays and c.label == label) for p, c in zip(tried, options)]
+            if not pays:
+                break
+            best = cheapest[label]
+            taken = [*_kept(taken, label), label]
+            best = replace(best, model="; ".join(taken))
+        if taken:
+            first = {family: max(best.setting.index - 6 if family == best.setting.family else 0, 0) for family in self.rates}
+            self.curves(best.model, best.deck, first)
+            self.coarsest(self.adequate()[:1])
+
+
+def _kept(taken: list[str], label: str) -> list[str]:
+    """Return the removals that a later one has not overtaken: a rigid body, or less of the same."""
+    new, before = Change(*label.split(": ", 1), None), []
+    for words in taken:
+        old = Change(*words.split(": ", 1), None)
+        if old.of != new.of or not (new.what == "rigid" or old.kind == new.kind):
+            before.append(words)
+    return before
+
+
+def _promising(fit: list[tuple[Point, Change]]) -> list[tuple[Point, Change]]:
+    """Return the removals whose cost is worth measuring: a rigid body, and the least of what can be counted."""
+    rigid = {change.of for _, change in fit if change.what == "rigid"}
+    found = []
+    for point, change in fit:
+        less = any((c.of, c.kind) == (change.of, change.kind) and c.count < change.count for _, c in fit)
+        if change.what == "rigid" or not (less or change.of in rigid):
+            found.append((point, change))
+    return found
+
+
+def run_into(folder: Path, deck: Deck, biela: Path) -> dict:
+    """Run a deck into a folder and return the figures of its summary; BielaError with the words of the solver where it fails."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    done = call_solver(biela, "--quiet", "--output", folder, *(word for one in deck.words for word in ("--set", one)), deck.path)
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if ": warning: " not in line]
+        raise BielaError((lines or [f"the solver ended with status {done.returncode}"])[0])
+    return read_summary(folder)
+
+
+def converged(found: Tradeoff, deck: Deck, folder: Path, seconds: float) -> tuple[Errors, float]:
+    """Run a model with a small part of the tolerance as its accuracy, into a folder.
+
+    Returns:
+        what measures runs against it; how far it may be off itself: the solver's own estimate, infinite where it has none
+    """
+    figures = run_into(folder, with_accuracy(deck, CERTAIN * found.options.tolerance, found.grid, seconds), found.options.biela)
+    measured = against(folder, [name.lower() for name in found.options.sensor])
+    estimates = {name.partition("[")[0]: error for name, error in figures["transient"].get("estimated_errors", {}).items()}
+    if not estimates or not figures["accuracy"].get("kept", False):
+        return measured, math.inf
+    return measured, max((estimates[name] or 0.0) / scale for name, scale in zip(measured.columns, measured.scales))
+
+
+def set_truth(found: Tradeoff, deck: Deck, asked: set[str]) -> None:
+    """Set the truth: the deck's own model by the solver's passes, or that on meshes refined until they agree."""
+    kept, seconds = found.folder / "truth", 0.4 * found.options.time
+    found.measured, found.uncertainty = converged(found, deck, kept, seconds)
+    found.truth = "the deck's model, passes of the solver"
+    if found.options.truth == "deck":
+        return
+    try:
+        before = None
+        for doublings in range(MESHES + 1):
+            folder = found.folder / f"truth_{doublings}"
+            measured, left = converged(found, refined(deck, doublings, asked), folder, seconds)
+            off = max(measured.errors(before)[:-1]) if before else math.inf
+            found.measured, found.uncertainty, before = measured, left + off / 15.0, folder
+            found.truth = f"mesh x {2**doublings}, all kinematics modelled, passes of the solver"
+            found.notes += [f"mesh x {2**doublings}: {off:.1e} from the one before"] if doublings else []
+            if off <= 15.0 * SETTLED * found.options.tolerance:
+                break
+    except (BielaError, ImpossibleError) as fault:
+        if not math.isfinite(found.uncertainty):
+            found.measured, found.uncertainty = converged(found, deck, kept, seconds)
+            found.truth = "the deck's model, passes of the solver"
+        found.notes.append(f"no finer mesh: {fault}")
+
+
+def verify(found: Tradeoff, search: Search) -> None:
+    """Run the best points as recommended.nml would be, in turn with the deck as written, and keep the first that holds."""
+    options, grid = found.options, found.grid
+    finalists = search.adequate()[:4]
+    cheap = [p for p in finalists if search.cost(p) <= options.budget]
+    if not cheap and math.isfinite(options.budget):
+        cheap = sorted((p for p in found.points if p.seconds <= options.budget), key=lambda p: p.error)[:1]
+    for point in cheap:
+        own = with_setting(point.deck, point.setting, grid, grid.stated or grid.interval)
+        both = [(found.written, found.written.deck if found.written.values else None), (point, own)]
+        times: list[list[float]] = [[], []]
+        for _ in range(REPEATS):
+            for k, (_, deck) in enumerate(both):
+                if deck is not None:
+                    figures = run_into(found.folder / ("written", "recommended")[k], deck, options.biela)
+                    times[k].append(figures["timing"]["processor_seconds"])
+            if sum(map(sum, times)) > 2.0:
+                break
+        if times[0]:
+            found.written.values["seconds"] = float(np.median(times[0]))
+        values = dict(zip(found.measured.names, found.measured.of(found.folder / "recommended").values))
+        values["seconds"] = float(np.median(times[1]))
+        found.chosen = replace(point, deck=own, values=values)
+        if found.chosen.error <= found.allowed:
+            break
+    written = found.written
+    dearest = min(found.chosen.seconds if found.chosen else math.inf, options.budget)
+    if written.error <= found.allowed and written.seconds <= dearest:
+        found.chosen = written
+
+
 def tradeoff(options: TradeoffOptions) -> Tradeoff:
     """Make the study and write its files, without the picture; BielaError where the deck is wrong."""
     if options.truth not in ("deck", "refined") or not set(options.methods) <= set(METHODS):
-        raise RunsError(f"truth = 'deck' or 'refined' and methods of {', '.join(METHODS)} expected")
+        raise BielaError(f"truth = 'deck' or 'refined' and methods of {', '.join(METHODS)} expected")
     deck = read(options.deck, biela=options.biela)
     folder = options.output or Path("results") / "tradeoff" / options.deck.stem
-    study = study_of(options, deck, folder)
-    runner = study.runner
-    try:
-        runner.share = WRITTEN
-        written = as_written(study, deck)
-        runner.share = REFERENCE
-        choose_columns(study, deck, written, options.sensor)
-        base = (deck_truth if options.truth == "deck" else refined_truth)(study, deck, written)
-    except OutOfTimeError:
-        paragraph, text = nothing_finished(study, options.deck.name)
-        runner.progress.clear()
-        (folder / "tradeoff.txt").write_text(text, encoding="utf-8")
-        return Tradeoff(folder, study, None, paragraph, text)
-    own = Point("deck as written", None, deck, written, error_of(written, study.truth))
-    (folder / "recommended.nml").unlink(missing_ok=True)
-    result = Result(options.deck.name, options.truth, base.notes, base.curves, own, [], budget=options.budget)
-    result.warnings = [f"the solver warns of the deck as written: {words}" for words in written.warnings]
-    known = [name for name in base.curves[0].outcomes[-1].names if not study.compared.columns] if base.curves else []
-    result.dropped = [name for name in known if name not in study.truth.names and study.compared.has(name)]
-    result.methods_left_out = methods_left_out(options, study, base)
-    runner.share = SEARCH
-    explore(study, base, result)
-    runner.share = max(SEARCH, 1.0 - DRAWING * runner.slowness() / options.time)
-    recommend(study, result, choose(study, options.budget), folder)
-    run_with_accuracy(study, result, deck)
-    if base.doublings:
-        split(study, result, deck, base.doublings)
-    runner.progress.clear()
-    found = Tradeoff(folder, study, result, verdict(study, result), table(study, result))
+    asked = deck.needed_sensors(sensors(deck, options.sensor))
+    found, begun = Tradeoff(options, folder, grid_of(deck)), time.monotonic()
+    model = lean(deck, asked)
+    set_truth(found, model, asked)
+    how = dict(jobs=options.jobs, scheduler=options.scheduler, longest=options.longest_run, shown=options.shown)
+    how = StudyOptions(options.deck, options.biela, folder, **how)
+    with StudyRuns(Study("", deck.path, (), (), (), measured=found.measured), deck, how, folder) as runs:
+        search = Search(found, deck, asked, runs, begun)
+        found.written = as_written(found, deck)
+        if found.allowed > 0.0:
+            families = [name for name, (method, _) in FAMILIES.items() if method in options.methods]
+            search.curves("", model, dict.fromkeys(families, 0))
+            if search.adequate():
+                search.coarsest([p for family in families for p in search.adequate() if p.setting.family == family][:8])
+                search.simplify(search.adequate()[0])
+        if search.left <= 0.0:
+            found.notes.append(f"the search was ended by --time {options.time:g}; the same command with more goes on from there")
+        verify(found, search)
+    if found.chosen:
+        from .tradeoff_words import head
+
+        (folder / "recommended.nml").write_text(head(found) + found.chosen.deck.flat(options.biela), encoding="utf-8")
     (folder / "tradeoff.txt").write_text(found.text, encoding="utf-8")
     return found
 
 
-def run(args: argparse.Namespace) -> int:
-    """Make the study, print and draw; the exit status."""
-    found = tradeoff(replace(options_of(args, TradeoffOptions), shown=not args.quiet, loading_seconds=time.process_time()))
-    if found.result is None:
-        print(f"{found.verdict}\nTable: {found.folder}/tradeoff.txt; the same command goes on from what is stored")
-        return 1
-    from . import tradeoff_picture
-
-    tradeoff_picture.draw(found.study, found.result, found.folder / "work_precision.png")
-    print("".join(f"- {line}\n" for line in found.warnings), end="")
-    print(found.verdict)
-    deck_file = "recommended.nml, " if found.recommended else ""
-    print(f"Results: {found.folder}/tradeoff.txt, {deck_file}work_precision.png")
-    return 0 if found.meets else 1
+def as_written(found: Tradeoff, deck: Deck) -> Point:
+    """Return the deck as it is; BielaError where it does not run."""
+    figures = run_into(found.folder / "written", deck, found.options.biela)
+    found.warnings += [f"the solver warns of the deck as written: {words}" for words in figures.get("warnings", ())]
+    try:
+        return Point("", None, deck, dict(zip(found.measured.names, found.measured.of(found.folder / "written").values)))
+    except ValueError as fault:
+        return Point("", None, deck, {}, str(fault))
 
 
 def work(args: argparse.Namespace) -> int:
-    """Do what the command line asks and return the exit status."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        return run(args)
-    except (DeckError, RunsError) as fault:
-        print(f"\ntradeoff: {fault}" if sys.stderr.isatty() else f"tradeoff: {fault}", file=sys.stderr)
-        return 2
-    except (InterruptedRunsError, KeyboardInterrupt):
-        print("\ntradeoff: interrupted; what was run is stored, the same command continues", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        raise  # the reader of standard output has gone
-    except OSError as fault:
-        print(f"tradeoff: {fault.filename}: {fault.strerror}", file=sys.stderr)
-        return 2
+    """Make the study, print and draw; the exit status: 1 where nothing meets the tolerance."""
+    from .picture_files import save
+
+    found = tradeoff(replace(options_of(args, TradeoffOptions), shown=not args.quiet))
+    print("".join(f"- {line}\n" for line in found.warnings), end="")
+    print(found.verdict)
+    drawn = [save(found.picture(), found.folder / "work_precision").name] if found.points else []
+    names = ["tradeoff.txt", *["recommended.nml"] * bool(found.chosen), *drawn]
+    print(f"Results: {found.folder}/" + ", ".join(names))
+    return 0 if found.meets else 1

@@ -11,7 +11,9 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(HERE / "post"))
 from bench_scenes import driven_rod, explicit_step, slider_crank, transient  # noqa: E402
-from biela import deck_models, deck_text  # noqa: E402
+from biela import tradeoff_models  # noqa: E402
+from biela.command import SOLVER  # noqa: E402
+from biela.deck import read as read_deck  # noqa: E402
 from biela.histories import read  # noqa: E402
 
 ELEMENTS = 16  # of rod and engine
@@ -39,8 +41,8 @@ def maxwell(table, measure, run_process, folder, quick):
         table.add(f"a Maxwell term at {elements} elements costs {share:.2f} of a GHM term in a step (three of each)")
     found = []
     for name, step in (("", "5e-6"), ("_maxwell", "5e-6"), ("_maxwell", "1.25e-5")):  # the first and the last near their bounds
-        deck = deck_text.read(HERE / "input" / f"elastomer_cantilever{name}.nml")
-        text = deck.set(deck.one("transient"), step=step, motion_step=None).text
+        deck = read_deck(HERE / "input" / f"elastomer_cantilever{name}.nml")
+        text = deck.set(deck.one("transient"), step=float(step), motion_step=None).flat(SOLVER)
         seconds = min(run_process("law", text)[1] for _ in range(3))
         found.append((f"{seconds:.3f} s at steps of {step} s", read(folder / "law")))
     (slow, ghm), (same, prony), (fast, _) = found
@@ -58,7 +60,7 @@ def fewest(found, column, wanted):
 
 def ran(run_process, folder, deck):
     """Return the history of a deck and the number of elastic coordinates of its rod."""
-    run_process("shapes", deck.text)
+    run_process("shapes", deck.flat(SOLVER))
     return read(folder / "shapes"), int(re.search(r'"rod": .*?3 \+ (\d+)', (folder / "shapes" / "summary.txt").read_text())[1])
 
 
@@ -66,19 +68,20 @@ def shapes(table, run_process, folder, quick):
     """Add the coordinates that bending moments and joint forces take with plain modes and with static shapes beside modes."""
     table.add()
     table.add(f"coordinates of {ELEMENTS} elements from which on bending moment, joint force err by less than 1e-2; 1e-3")
-    engine = deck_models.with_elements(deck_text.read(HERE / "input" / "engine.nml"), "rod", ELEMENTS, {"crank_pin"})
-    values = {"method": "'radau'", "step": None, "tolerance": "1e-6", "output_step": "1e-4", "motion_step": None}
+    engine = tradeoff_models.with_elements(read_deck(HERE / "input" / "engine.nml"), "rod", ELEMENTS, {"crank_pin"})
+    values = {"method": "radau", "step": None, "tolerance": 1e-6, "output_step": 1e-4, "motion_step": None}
     engine = engine.set(engine.one("transient"), **values)
-    for name, deck, variants in (
-        ("driven rod", deck_text.parse(ROD), (("", {}), ("no axial deformation, ", {"axial": ".false."}))),
-        ("engine", deck_text.parse(engine.text + BENDING), (("", {}),)),
+    for name, text, variants in (
+        ("driven rod", ROD, (("", {}), ("no axial deformation, ", {"axial": False}))),
+        ("engine", engine.flat(SOLVER) + BENDING, (("", {}),)),
     ):
-        truth = None
+        (folder / "model.nml").write_text(text)
+        deck, truth = read_deck(folder / "model.nml"), None
         for words, values in variants:
-            for basis, option in (("plain modes", {}), ("static shapes", {"static_shapes": ".true."})):
+            for basis, option in (("plain modes", {}), ("static shapes", {"static_shapes": True})):
                 found = {}
                 for modes in MODES[: 6 if quick else 12 if option else 28]:
-                    few = deck.set(deck.one("body", "rod"), modes=str(modes), **values, **option)
+                    few = deck.set(deck.one("body", "rod"), modes=modes, **values, **option)
                     truth = truth or ran(run_process, folder, deck)[0]
                     history, size = ran(run_process, folder, few)
                     found[size] = {

@@ -10,7 +10,7 @@ import sys
 import biela
 import known_optima
 import pytest
-from biela import command, deck_runs, histories, programs
+from biela import command, histories, programs
 from conftest import ROOT
 
 POST = ROOT / "post"
@@ -98,12 +98,12 @@ def test_numbers_of_a_command_line(kind, text, found):
 
 def test_commands_of_the_package_are_those_of_the_table():
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    for name in set(programs.PROGRAMS) - {"attenuation", "demo", "ivp_crank"}:
+    for name in programs.PROGRAMS:
         assert f'biela-{name.replace("_", "-")} = "biela.programs:{name}"\n' in text
 
 
 def test_the_package_has_the_reader_and_the_runner():
-    assert (biela.read, biela.History, biela.Runner) == (histories.read, histories.History, deck_runs.Runner)
+    assert (biela.read, biela.History) == (histories.read, histories.History)
     assert all(hasattr(biela, name) for name in biela.__all__)
     with pytest.raises(AttributeError, match="no attribute 'write'"):
         _ = biela.write

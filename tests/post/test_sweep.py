@@ -19,7 +19,7 @@ from biela.histories import read
 from biela.programs import sweep as sweep_command
 from biela.sweep_scalars import Scalar
 from conftest import ROOT, TIMEOUT, wait_for
-from studies import ARGUMENT
+from study_decks import ARGUMENT
 
 DECK = """&include file='steel.nml' /
 &parameter name='height' value={4*mm} /
