@@ -109,7 +109,9 @@ def panels(runs: list[History], names: list[str]) -> list[list[str]]:
     return result
 
 
-def draw(runs: list[History], labels: list[str], names: list[str], against: str | None = None, title: str = "") -> plt.Figure:
+def draw(
+    runs: list[History], labels: list[str], names: list[str], against: str | None = None, title: str = "", styled: bool = False
+) -> plt.Figure:
     """Return a figure of the named columns of all runs.
 
     Args:
@@ -118,6 +120,7 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
         names: columns
         against: the column of the horizontal axis (the first one, time); what has its unit is drawn to the same scale
         title: written above, where given
+        styled: the line style tells the run and the colour the column, in place of the other way round
 
     Raises:
         HistoryError: a column is missing in a run.
@@ -136,13 +139,14 @@ def draw(runs: list[History], labels: list[str], names: list[str], against: str 
         share_abscissa(axes, axis_label(abscissa, unit_of(runs, abscissa)))
         for axis, group in zip(axes, groups):
             plain_numbers(axis)
-            _panel(axis, runs, labels, group, abscissa)
+            _panel(axis, runs, labels, group, abscissa, styled)
             _log_scales(axis, runs, group, abscissa)
             if path and unit_of(runs, group[0]) == path:
                 axis.set_aspect("equal", adjustable="datalim")
                 axis.locator_params(nbins=6)
         if len(runs) > 1:
-            looks = [{"color": COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]} for k in range(len(runs))]
+            looks = [{"color": "#333333" if styled else COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]}
+                     for k in range(len(runs))]  # fmt: skip
             handles = [plt.Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
             figure.legend(handles=handles, loc="outside lower center", ncols=min(len(runs), 4))
         if title:
@@ -187,15 +191,15 @@ def _to_scale(runs: list[History], group: list[str], abscissa: str) -> tuple[flo
     return width + 1.2, height + 1.0
 
 
-def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[str], abscissa: str) -> None:
+def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[str], abscissa: str, styled: bool) -> None:
     """Draw one panel: colour tells the run and line style the column, or both one of the two where there is one of the other.
 
-    The figure's legend names the runs.
+    Where it is `styled` the line style tells the run and the colour the column. The figure's legend names the runs.
     """
     for k, (run, label) in enumerate(zip(runs, labels)):
         for j, name in enumerate(group):
-            colour = COLOURS[(k if len(runs) > 1 else j) % len(COLOURS)]
-            style = STYLES[(j if len(group) > 1 else k) % len(STYLES)]
+            colour = COLOURS[(k if len(runs) > 1 and not styled else j) % len(COLOURS)]
+            style = STYLES[(j if len(group) > 1 and not (styled and len(runs) > 1) else k) % len(STYLES)]
             words = [label] if len(runs) > 1 else []
             words += [name] if len(group) > 1 else []
             axis.plot(*thinned(run[abscissa], run[name]), ls=style, color=colour, label=": ".join(words) or None)
@@ -203,7 +207,9 @@ def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[s
     if len(group) > 1:
         handles = axis.lines
         if len(runs) > 1:
-            handles = [plt.Line2D([], [], color="#333333", ls=STYLES[j % len(STYLES)]) for j in range(len(group))]
+            looks = [{"color": COLOURS[j % len(COLOURS)]} if styled else {"color": "#333333", "ls": STYLES[j % len(STYLES)]}
+                     for j in range(len(group))]  # fmt: skip
+            handles = [plt.Line2D([], [], **look) for look in looks]
         axis.legend(handles, group, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 

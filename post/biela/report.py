@@ -28,6 +28,7 @@ TEMPLATE = Path(__file__).resolve().parent / "report.html"
 MOST_COLUMNS = 40  # drawn of a history; a table of the ranges holds them all
 PANELS = 2  # of one picture: two pictures fit on a printed page
 PIXELS = 96  # of an inch, as browsers count
+FILMS = {".mp4": "video/mp4", ".gif": "image/gif"}  # of animate.py, by their endings
 MOST_POINTS = 50_000  # of a picture, above which it is embedded as pixels
 
 
@@ -42,7 +43,7 @@ class Picture:
 
 @dataclass
 class Part:
-    """What stands under one heading: any of paragraphs, a table, pictures, text as it is."""
+    """What stands under one heading: any of paragraphs, a table, pictures, text as it is, a film (a data URI)."""
 
     heading: str = ""
     paragraphs: list[str] = field(default_factory=list)
@@ -51,6 +52,7 @@ class Part:
     pictures: list[Picture] = field(default_factory=list)
     text: str = ""
     warning: bool = False
+    film: str = ""
 
 
 @dataclass
@@ -80,7 +82,6 @@ class Run:
         figures: of summary.json
         words: lines of summary.txt before the deck's text
         label: what tells it from the other run
-        letter: of it in pictures
         start: rows before this time do not count among the largest values [s]
         end: rows after this time do not count among them [s]
     """
@@ -89,7 +90,6 @@ class Run:
     figures: dict
     words: str
     label: str
-    letter: str = "A"
     start: float = -math.inf
     end: float = math.inf
 
@@ -132,7 +132,7 @@ class Run:
         return "\n".join(line[2:] for line in lines[first:last])
 
 
-def load(folder: Path, label: str, letter: str, start: float = -math.inf, end: float = math.inf) -> Run:
+def load(folder: Path, label: str, start: float = -math.inf, end: float = math.inf) -> Run:
     """Return a run; HistoryError where the folder holds none."""
     if not folder.is_dir():
         raise HistoryError(f"{folder}: no results folder")
@@ -140,7 +140,7 @@ def load(folder: Path, label: str, letter: str, start: float = -math.inf, end: f
         words = (folder / "summary.txt").read_text(encoding="utf-8", errors="replace").partition("\ndeck text\n")[0]
     except OSError as fault:
         raise HistoryError(f"{folder}: has no readable summary.txt ({fault})") from None
-    return Run(folder, read_summary(folder), words, label, letter, start, end)
+    return Run(folder, read_summary(folder), words, label, start, end)
 
 
 def embed(figure: plt.Figure, caption: str) -> Picture:
@@ -160,7 +160,7 @@ def column_pictures(tables: list[History], labels: list[str], names: list[str], 
     """Return the pictures of columns, a few panels each."""
     groups = plot.panels(tables, names)
     parts = [[name for group in groups[k : k + PANELS] for name in group] for k in range(0, len(groups), PANELS)]
-    return [embed(plot.draw(tables, labels, part), caption) for part in parts]
+    return [embed(plot.draw(tables, labels, part, styled=True), caption) for part in parts]
 
 
 def table_text(x: object) -> str:
@@ -168,11 +168,6 @@ def table_text(x: object) -> str:
     if x is None:
         return "–"
     return f"{x:,}" if isinstance(x, int) else f"{x:.4g}" if isinstance(x, float) else str(x)
-
-
-def meaning_of_letters(runs: list[Run]) -> str:
-    """Return what the letters of two runs stand for."""
-    return ": " + ", ".join(f"{run.letter} {run.label}" for run in runs) if len(runs) > 1 else ""
 
 
 def findings(run: Run) -> dict[str, str]:
@@ -311,8 +306,8 @@ def differences(runs: list[Run], names: list[str]) -> list[Part]:
         share = f"{100.0 * largest / span:.3g} %" if span > 0.0 else "–"
         table.append([plot.axis_label(name, first.units[name]), f"{span:.4g}", f"{largest:.4g}", share])
     shown = [name for k, name in enumerate(names) if np.any(change[:, k])][:MOST_COLUMNS]
-    pictures = column_pictures([gap], ["B - A"], shown, "B less A" + meaning_of_letters(runs))
-    head = ["column", "range of A", "largest difference", "of the range"]
+    pictures = column_pictures([gap], ["difference"], shown, f"{runs[1].label} less {runs[0].label}")
+    head = ["column", f"range of {runs[0].label}", "largest difference", "of the range"]
     return [Part(heading="Differences", head=head, rows=table, pictures=pictures)]
 
 
@@ -324,7 +319,7 @@ def histories(runs: list[Run]) -> Section | None:
     tables = [table for _, table in have]
     common = [name for name in tables[0].names[1:] if all(name in table for table in tables)]
     names = plot.moving(tables, common) or common
-    labels = [run.letter for run, _ in have] if len(runs) > 1 else [runs[0].label]
+    labels = [run.label for run, _ in have]
     notes = []
     if len(names) > MOST_COLUMNS:
         notes.append(f"The first {MOST_COLUMNS} of {len(names)} columns are drawn; history.txt holds all.")
@@ -335,7 +330,7 @@ def histories(runs: list[Run]) -> Section | None:
         notes.append("Not in both runs: " + ", ".join(missing) + ".")
     parts = [Part(paragraphs=notes)]
     if names:
-        parts[0].pictures = column_pictures(tables, labels, names[:MOST_COLUMNS], "sensors against time" + meaning_of_letters(runs))
+        parts[0].pictures = column_pictures(tables, labels, names[:MOST_COLUMNS], "sensors against time")
     if len(have) == 2 and names:
         parts += differences(runs, names)
     return Section("Histories", parts)
@@ -392,12 +387,20 @@ def responses(runs: list[Run]) -> Section | None:
 
 
 def motion(runs: list[Run]) -> Section | None:
-    """Return snapshots of the motion."""
+    """Return snapshots of the motion, and the film that animate.py has made of it, where it has."""
     parts = []
     for run in runs:
         table = run.table("motion")
         if table is not None and len(table.time) > 1:
-            parts.append(Part(pictures=[embed(sheet(from_run(table), 3), f"{run.label}: motion")]))
+            words = f"{len(table.time)} instants from {table.time[0]:.4g} s to {table.time[-1]:.4g} s; three of them below."
+            parts.append(Part(heading=run.label if len(runs) > 1 else "", paragraphs=[words]))
+            parts[-1].pictures = [embed(sheet(from_run(table), 3), f"{run.label}: motion")]
+            film = next((path for kind in FILMS if (path := run.folder / f"motion{kind}").is_file()), None)
+            if film:
+                data = base64.b64encode(film.read_bytes()).decode()
+                parts[-1].film = f"data:{FILMS[film.suffix]};base64,{data}"
+            else:
+                parts[-1].paragraphs.append("A film of it stands here where post/animate.py has made one before this page.")
     return Section("Motion", parts) if parts else None
 
 
@@ -458,7 +461,7 @@ def work(args: argparse.Namespace) -> int:
     labels = args.labels or [path.resolve().name for path in args.runs]
     if len(labels) != len(args.runs):
         raise HistoryError(f"{len(labels)} labels for {len(args.runs)} runs: one each expected")
-    runs = [load(*found, args.start, args.end) for found in zip(args.runs, labels, "AB")]
+    runs = [load(*found, args.start, args.end) for found in zip(args.runs, labels)]
     title = args.title or " – ".join(dict.fromkeys(run.figures["title"] or run.figures["deck"] for run in runs))
     path = args.output or args.runs[0] / "report.html"
     text = page(runs, title, args.tradeoff)

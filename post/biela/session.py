@@ -93,7 +93,7 @@ class Result:
         """Return what the report begins with: largest deflections, stresses, reactions, torques, energies, frequencies."""
         from . import report
 
-        return report.findings(report.load(self.folder, self.summary.deck, "A"))
+        return report.findings(report.load(self.folder, self.summary.deck))
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><td>{html.escape(a)}</td><td>{html.escape(b)}</td></tr>" for a, b in self.findings().items())
