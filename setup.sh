@@ -113,7 +113,7 @@ virtual_environment() {
   say "Python packages into .venv (once)"
   .venv/bin/python -m pip --version >/dev/null 2>&1 || rm -rf .venv
   "$python" -m venv .venv || fail "$python -m venv .venv failed"
-  .venv/bin/python -m pip install --quiet --no-input --disable-pip-version-check --prefer-binary --requirement requirements.txt ||
+  .venv/bin/python -m pip install --no-input --disable-pip-version-check --prefer-binary --requirement requirements.txt ||
     fail "the packages of requirements.txt could not be installed (is there a network?)"
 }
 

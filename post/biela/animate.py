@@ -14,6 +14,7 @@ from .histories import read
 from .mechanism import Mechanism, add_trace, from_run
 from .picture_files import FORMATS, lay_out, stem_of
 from .plot import LOOK, body_look, plain_numbers
+from .progress import Progress
 from .result_files import HistoryError, note
 
 DARK = "#333333"
@@ -164,6 +165,7 @@ def film(scene: Mechanism, frames: int) -> list[Image.Image]:
             picture.show(row, since)
             for artist in picture.moving:
                 axis.draw_artist(artist)
+            Progress.of_program().show("frames", len(images) + 1, len(rows))
             images.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB"))
     return images
 
@@ -249,6 +251,8 @@ def animate(args: argparse.Namespace) -> int:
         add_trace(scene, name)
     note = f"deflections × {args.exaggerate:g}" if args.exaggerate != 1.0 else ""
     stem = args.output or motion.path.parent / "motion"
+    line = Progress.begin()
     paths = write(scene, stem, args.frames, args.seconds, args.pictures, note, args.mp4)
+    line.clear()
     print("wrote " + " and ".join(map(str, paths)))
     return 0

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.ticker import FuncFormatter
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from . import material_data
 from .command import call_solver
@@ -23,6 +25,7 @@ from .material_fit import NEAR, Fit, choose_terms, fit, relative_error, rms
 from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, of_group
 from .picture_files import FORMATS, save, stem_of
 from .plot import COLOURS, LOOK
+from .progress import Progress
 
 if TYPE_CHECKING:
     import pandas
@@ -246,8 +249,7 @@ def picture(
         figure, axes = plt.subplots(3, 1, figsize=(8.0, 8.2), sharex=True, layout="constrained")
         for k, (label, frequency, modulus) in enumerate(points):
             look = dict(marker=MARKS[k % len(MARKS)], linestyle="none", markersize=4, color=colours[k % len(colours)])
-            shown = not many or k in (0, len(points) - 1)
-            axes[0].plot(frequency, modulus.real, label=label if shown else None, **look)
+            axes[0].plot(frequency, modulus.real, label=None if many else label, **look)
             axes[1].plot(frequency, modulus.imag / modulus.real, **look)
             axes[2].plot(frequency, modulus.imag, **look)
         axes[0].plot(wide, curve.real, color="black", label=law_of(material))
@@ -265,9 +267,17 @@ def picture(
             axis.margins(x=0.02)
         losses = np.concatenate([curve.imag, *(modulus.imag for _, _, modulus in points)])
         axes[2].set_ylim(losses.min() / 3.0, losses.max() * 1.5)  # terms far below the sum do not matter
+        for axis in axes:
+            if np.ptp(np.log10(axis.get_ylim())) > 3.0:  # the powers of ten are enough
+                axis.yaxis.set_minor_formatter(NullFormatter())
         for axis in (axes[0], axes[2]):
             axis.legend(ncols=5, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         axes[2].set_xlabel("frequency [Hz]")
+        if many:  # a bar that names every temperature
+            ends = BoundaryNorm(np.arange(len(points) + 1) - 0.5, len(points))
+            bar = figure.colorbar(ScalarMappable(ends, ListedColormap(colours)), ax=axes, ticks=range(len(points)), aspect=50)
+            bar.ax.set_yticklabels([label for label, _, _ in points], fontsize=8)
+            bar.ax.minorticks_off()
         figure.suptitle(title)
     return figure
 
@@ -426,12 +436,14 @@ def work(args: argparse.Namespace) -> int:
     """Do what the command line asks: print the lines of the fit, write and draw them; or draw a deck's material."""
     columns = {quantity: name for quantity in material_data.USUAL if (name := getattr(args, f"column_{quantity}"))}
     options = Options(columns=columns, **{one.name: getattr(args, one.name) for one in fields(Options) if one.name != "columns"})
+    line = Progress.begin()
     if args.source.suffix != ".nml":
         found = fit_table(args.source, options)
     elif args.law or args.terms:
         found = convert(args.source, options, args.biela)
     else:
         return show_material(args)
+    line.clear()
     print(found.text, end="")
     for words in found.warnings:
         print(f"{args.source}: warning: {words}", file=sys.stderr)

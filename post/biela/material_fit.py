@@ -14,6 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 
 from .material_law import Material, ghm_shapes, maxwell_shapes, pole_factor
+from .progress import Progress
 
 GRID = 6  # poles of the grid in a decade
 ZETAS = (0.3, 20.0)  # bounds of the damping ratio of a GHM term
@@ -194,6 +195,7 @@ def choose_terms(kind: str, frequency: np.ndarray, modulus: np.ndarray, fastest:
     per_term = 2 if kind == "maxwell" else 3
     tried, scatter = [], []
     for terms in range(1, max(1, min(most, (rows - 2) // per_term)) + 1):
+        Progress.of_program().show(f"terms of {kind}", terms, most)
         tried.append(fit(kind, terms, frequency, modulus, fastest))
         scatter.append(tried[-1].error * np.sqrt(rows / max(rows - 1 - per_term * terms, 1)))
         if tried[-1].error <= target:

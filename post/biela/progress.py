@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextvars
 import sys
 import threading
 import time
@@ -32,7 +33,21 @@ class Progress:
         """Take the line away."""
         self._write("\r" + " " * WIDTH + "\r")
 
+    @classmethod
+    def of_program(cls) -> Progress:
+        """Return the line of the program that runs; where none does, one that is not written."""
+        return _PROGRAM.get(None) or cls(False)
+
+    @classmethod
+    def begin(cls) -> Progress:
+        """Show how far what a program does is; return the line."""
+        _PROGRAM.set(cls(True))
+        return _PROGRAM.get()
+
     def _write(self, text: str) -> None:
         if self.shown:
             with self.lock:
                 print(text, end="", file=sys.stderr, flush=True)
+
+
+_PROGRAM: contextvars.ContextVar[Progress] = contextvars.ContextVar("progress")

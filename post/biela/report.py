@@ -22,6 +22,7 @@ from .deck import Deck, groups_of
 from .histories import History, read, read_summary
 from .mechanism import from_run
 from .picture_files import lay_out
+from .progress import Progress
 from .result_files import RESULT_FILES, HistoryError, note
 
 TEMPLATE = Path(__file__).resolve().parent / "report.html"
@@ -430,20 +431,17 @@ def sections(runs: list[Run], study: Path | None) -> list[Section]:
     ]
     statics = [Part(heading=run.label if len(runs) > 1 else "", text=text) for run in runs if (text := run.lines("static"))]
     decks = [Part(heading=run.label if len(runs) > 1 else "", text=run.figures["deck_text"]) for run in runs]
-    found = [
-        results(runs),
-        model(runs),
-        histories(runs),
-        motion(runs),
-        Section("Equilibrium", statics) if statics else None,
-        modal(runs),
-        responses(runs),
-        tradeoff(runs, study),
-        energy(runs),
-        solver_table(runs),
-        Section("Stable steps", steps) if steps else None,
-        Section("Decks" if len(runs) > 1 else "Deck", decks),
-    ]
+    steps_of = Section("Stable steps", steps) if steps else None
+    equilibrium = Section("Equilibrium", statics) if statics else None
+    makers = [
+        lambda: results(runs), lambda: model(runs), lambda: histories(runs), lambda: motion(runs), lambda: equilibrium,
+        lambda: modal(runs), lambda: responses(runs), lambda: tradeoff(runs, study), lambda: energy(runs),
+        lambda: solver_table(runs), lambda: steps_of, lambda: Section("Decks" if len(runs) > 1 else "Deck", decks),
+    ]  # fmt: skip
+    found = []
+    for number, make in enumerate(makers, 1):
+        Progress.of_program().show("sections", number, len(makers))
+        found.append(make())
     return [section for section in found if section]
 
 
@@ -464,7 +462,9 @@ def work(args: argparse.Namespace) -> int:
     runs = [load(*found, args.start, args.end) for found in zip(args.runs, labels)]
     title = args.title or " – ".join(dict.fromkeys(run.figures["title"] or run.figures["deck"] for run in runs))
     path = args.output or args.runs[0] / "report.html"
+    line = Progress.begin()
     text = page(runs, title, args.tradeoff)
+    line.clear()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")

@@ -347,3 +347,15 @@ def test_what_the_solver_says_of_the_deck_is_told(tmp_path):
         with pytest.raises(kind) as fault:
             fit_material.stable_steps(tmp_path / "deck.nml", None, Material(1e6), tmp_path / program)
         assert str(fault.value).startswith(told)
+
+
+def test_every_temperature_of_a_fit_is_named():
+    frequency = np.logspace(0.0, 2.0, 20)
+    law = fit_material.fit("maxwell", 1, frequency, 1.0e6 * (1.0 + 1j * frequency / (10.0 + 1j * frequency)), 1.0e4).material
+    for count in (3, 21):
+        names = [f"{5 * k} C" for k in range(count)]
+        figure = fit_material.picture(law, "", (1.0, 100.0), [(name, frequency, law.modulus(frequency)) for name in names])
+        words = figure.axes[0].get_legend().get_texts() if count < 8 else figure.axes[3].get_yticklabels()
+        shown = [text.get_text() for text in words]
+        assert [word for word in shown if word.endswith(" C")] == names
+        fit_material.plt.close(figure)
