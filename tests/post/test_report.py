@@ -131,18 +131,18 @@ def test_what_a_designer_asks_comes_first(run_deck, tmp_path):
 def test_what_is_largest_in_the_first_turn_of_a_drive_is_named(run_deck):
     """The pin strikes hardest before its motion has settled; the largest force is that of the steps, as in the summary."""
     deck = (ROOT / "input" / "clearance_slider_crank.nml").read_text().replace("tolerance=1.0e-11", "tolerance=1e-6")
-    run = report_tool.load(run_deck(deck).folder, "pin", "A")
+    run = report_tool.load(run_deck(deck).folder, "pin")
     found = report_tool.findings(run)
     force = run.figures["transient"]["stops"][0]["largest_force"]
     assert found["largest force of stop, pin"].startswith(f"{force:.4g} N between rows near t = ")
     (told,) = report_tool.early(run, found)
     assert told.startswith("pin: in the first turn of a drive, of which there is no second one, perhaps of the start alone: ")
     assert "largest force of stop, pin" in told
-    run = report_tool.load(run_deck(deck.replace("t_end=0.02", "t_end=0.042"), name="turns").folder, "pin", "A")
+    run = report_tool.load(run_deck(deck.replace("t_end=0.02", "t_end=0.042"), name="turns").folder, "pin")
     (told,) = report_tool.early(run, report_tool.findings(run))
     assert told.startswith("pin: in the first turn of a drive; --start 0.02 leaves that out, perhaps of the start alone: ")
     assert "largest force of stop, pin" in told
-    later = report_tool.load(run.folder, "pin", "A", 0.021)
+    later = report_tool.load(run.folder, "pin", 0.021)
     assert not report_tool.early(later, report_tool.findings(later))
 
 
