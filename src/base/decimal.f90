@@ -1,9 +1,9 @@
-!> Numbers as text with 17 significant digits, correctly rounded: what the format ES25.16E3 gives, twenty times faster.
-!> A number m 2^q is multiplied by a power of ten that is known to some 105 bits. Then 17 digits stand before the point and 48
-!> good bits behind it. Where these bits do not show whether the rest is above or below one half (ties), the format decides.
+!> Numbers as text with 17 significant digits, correctly rounded: what the format ES25.16E3 gives, thirty times faster.
+!> A number m 2^(q-1075) is multiplied by a power of ten that is known to some 105 bits. Then 17 digits stand before the point and
+!> 48 good bits behind it. Where these bits do not show whether the rest is above or below one half (ties), the format decides.
 module decimal
   use kinds, only: wp
-  use, intrinsic :: iso_fortran_env, only: int64
+  use, intrinsic :: iso_fortran_env, only: int32, int64
   implicit none (type, external)
   private
   public :: number_width, write_number
@@ -11,19 +11,22 @@ module decimal
   integer, parameter :: number_width = 25                    !! characters of a number: a blank, the sign, 23 more
   integer, parameter :: wide = selected_int_kind(38)         !! integers of 128 bits
   integer, parameter :: first = -325, last = 341             !! powers of ten that doubles need
-  integer(int64), parameter :: ten16 = 10_int64**16, ten17 = 10_int64**17
-  integer :: i                                               ! counts places
-  integer(int64), parameter :: nibbles = sum([(15*2_int64**i, i=0, 48, 16)])   ! 15 in every second byte
-  integer(int64), parameter :: zeros = sum([(iachar('0')*2_int64**i, i=0, 56, 8)])   ! the characters 00000000
+  integer, parameter :: largest_exact = 22                   !! powers of ten from 0 to it are doubles
+  integer(int64), parameter :: ten4 = 10_int64**4, ten8 = 10_int64**8, ten16 = 10_int64**16, ten17 = 10_int64**17
+  integer(int64), parameter :: per_ten4 = 109951163_int64    !! 2^40/10^4, rounded up: in its place for up to eight digits
+  integer(int64), parameter :: per_ten8 = 1441151881_int64   !! 2^57/10^8, rounded up: for nine digits
+  integer(int64), parameter :: implicit_bit = 2_int64**52    !! of a double's mantissa
+  integer(wide), parameter :: word = 2_wide**64
 
-  !> Powers of ten: 10^p = (high 2^63 + low) 2^shift, good to 105 bits, with 2^62 <= high < 2^63; and as doubles.
-  !> Filled at the first use, constant from then on.
+  !> Powers of ten: 10^p = (high 2^64 + low) 2^(shift + 947), good to 105 bits, with 2^61 <= high <= 2^62. And the characters of all
+  !> numbers of four digits. Filled at the first use, constant from then on.
   type :: power_table
     logical :: filled = .false.
     integer(int64) :: high(first:last) = 0, low(first:last) = 0
-    integer :: shift(first:last) = 0
-    real(wp) :: value(first:309) = 0.0_wp                    !! 10^p rounded down, huge where it overflows [-]
-    character(5) :: exponent(first:last) = ''                !! p as it is written
+    integer(int64) :: shift(first:last) = 0
+    integer(int64) :: least(first:last) = 0                  !! bits of the smallest double that is not below 10^p
+    character(8) :: exponent(first:last) = ''                !! p as it is written, right-adjusted
+    character(4) :: four(0:9999) = ''
   end type power_table
   type(power_table) :: table
 
@@ -33,123 +36,108 @@ contains
   subroutine write_number(x, text)
     real(wp), intent(in) :: x   !! [any]
     character(number_width), intent(out) :: text
-    integer(int64) :: digits
-    integer :: e
+    integer(int64) :: bits, magnitude, digits, e
     logical :: known
     if (.not. table%filled) call fill_table()
+    bits = transfer(x, bits)
+    magnitude = iand(bits, huge(bits))
+    call round_to_digits(magnitude, digits, e, known)
+    if (.not. known) then
+      call write_by_format(x, text)
+      return
+    end if
+    call put_digits(digits, e, text)
+    if (bits < 0) text(2:2) = '-'
+  end subroutine write_number
+
+  !> Numbers that the table does not decide, zeros, infinities and what is no number.
+  subroutine write_by_format(x, text)
+    real(wp), intent(in) :: x   !! [any]
+    character(number_width), intent(out) :: text
     if (abs(x) <= 0.0_wp) then
       text = '  0.0000000000000000E+000'
       if (sign(1.0_wp, x) < 0.0_wp) text(2:2) = '-'
-      return
-    end if
-    call round_to_digits(abs(x), digits, e, known)
-    if (known) then
-      call put_digits(digits, e, text)
-      if (x < 0.0_wp) text(2:2) = '-'
     else
       write (text, '(es25.16e3)') x
     end if
-  end subroutine write_number
+  end subroutine write_by_format
 
-  !> x = digits 10^(e-16), rounded to nearest, with 10^16 <= digits < 10^17; known is false where the table is too coarse.
-  pure subroutine round_to_digits(x, digits, e, known)
-    real(wp), intent(in) :: x                                !! not negative [-]
-    integer(int64), intent(out) :: digits
-    integer, intent(out) :: e
+  !> A number = digits 10^(e-16), rounded to nearest, with 10^16 <= digits < 10^17; known is false where the table is too coarse,
+  !> and where it is zero or none.
+  pure subroutine round_to_digits(bits, digits, e, known)
+    integer(int64), intent(in) :: bits                       !! of the number without its sign
+    integer(int64), intent(out) :: digits, e
     logical, intent(out) :: known
-    integer(int64) :: bits, m, rest
-    integer :: q, try
-    digits = 0
-    e = 0
-    known = x > 0.0_wp .and. x <= huge(1.0_wp)
-    if (.not. known) return
-    bits = transfer(x, bits)
-    q = int(shiftr(bits, 52))
-    m = iand(bits, 2_int64**52 - 1)
-    if (q == 0) then                                         ! subnormal
-      q = leadz(m) - 1
-      m = shiftl(m, q)
-      q = -1074 - q
+    integer(int64), parameter :: doubt = 2_int64**17         ! 105 of 126 bits are good
+    integer(int64), parameter :: log10_2 = 1292913986        ! log10(2) 2^32
+    integer(int64) :: m, q, p, rest
+    integer(wide) :: top
+    q = shiftr(bits, 52)
+    m = iand(bits, implicit_bit - 1)
+    if (iand(q + 1, 2047_int64) <= 1) then                   ! zero, subnormal; or 2047: infinite or no number
+      known = .false.
+      digits = 0
+      e = 0
+      if (m == 0 .or. q > 0) return
+      q = 12 - leadz(m)
+      m = shiftl(m, 1 - q)
     else
-      m = shiftl(m + 2_int64**52, 10)
-      q = q - 1085
-    end if                                                   ! x = m 2^q, 2^62 <= m < 2^63
-    e = floor_log10(x, q)
-    do try = 1, 2
-      call scale_up(m, q, 16 - e, digits, rest, known)
-      if (digits >= ten16 .or. .not. known) exit
-      e = e - 1                                              ! x lies just below a power of ten that is no double
-    end do
+      m = m + implicit_bit
+    end if                                                   ! the number = m 2^(q-1075), 2^52 <= m < 2^53
+    e = shifta(q*log10_2 - 1023*log10_2, 32)                 ! largest e with 10^e <= 2^(q-1023)
+    if (bits >= table%least(e + 1)) e = e + 1
+    p = 16 - e
+    m = shiftl(m, iand(q + table%shift(p), 63_int64))        ! from 1 to 11 places; iand spares a test for more than 63
+    top = int(m, wide)*int(table%high(p), wide) + shifta(int(m, wide)*int(table%low(p), wide), 64)
+    digits = int(shifta(top, 64), int64)                     ! the number 10^p = top 2^-64
+    rest = int(top - digits*word - word/2, int64)            ! (fraction - 1/2) 2^64
+    known = rest > doubt .or. rest < -doubt                  ! abs(-2^63) is no number of 64 bits
     if (rest > 0) digits = digits + 1
     if (digits < ten17) return
     digits = ten16                                           ! rounded up to the next power of ten
     e = e + 1
   end subroutine round_to_digits
 
-  !> Largest e with 10^e <= x, within one at a power of ten that is no double. x = m 2^q with 2^62 <= m < 2^63.
-  pure integer function floor_log10(x, q) result(e)
-    real(wp), intent(in) :: x   !! positive [-]
-    integer, intent(in) :: q
-    e = int(shifta((q + 62)*1292913986_int64, 32))           ! log10(2) 2^32
-    e = max(e, -324)
-    if (x >= table%value(e + 1)) e = e + 1
-  end function floor_log10
-
-  !> digits = floor(m 2^q 10^p); rest is positive where the fraction is above one half, negative below; known is false
-  !> where it is one half within the table's error.
-  pure subroutine scale_up(m, q, p, digits, rest, known)
-    integer(int64), intent(in) :: m
-    integer, intent(in) :: q, p
-    integer(int64), intent(out) :: digits, rest
-    logical, intent(out) :: known
-    integer(int64), parameter :: doubt = 2_int64**17         ! 105 of 126 bits are good
-    integer(int64) :: upper, lower                           ! halves of 63 bits: 64-bit operations cost less
-    integer(wide) :: top
-    integer :: k
-    top = int(m, wide)*int(table%high(p), wide) + shiftr(int(m, wide)*int(table%low(p), wide), 63)
-    k = -(q + table%shift(p) + 126)                          ! x 10^p = top 2^-(k+63), k from 5 to 13
-    upper = int(shiftr(top, 63), int64)
-    lower = int(iand(top, int(huge(1_int64), wide)), int64)
-    digits = shiftr(upper, k)
-    rest = ior(shiftl(upper - shiftl(digits, k), 63 - k), shiftr(lower, k)) - 2_int64**62   ! (fraction - 1/2) 2^63
-    known = abs(rest) > doubt
-  end subroutine scale_up
-
   !> Lays out the digits: d.ddddddddddddddddE+eee.
   pure subroutine put_digits(digits, e, text)
-    integer(int64), intent(in) :: digits
-    integer, intent(in) :: e
+    integer(int64), intent(in) :: digits, e
     character(number_width), intent(out) :: text
-    integer :: left, right                                   ! of 9 and 8 digits
-    left = int(digits/10_int64**8)
-    right = int(digits - left*10_int64**8)
+    integer(int64) :: left, first_one                        ! nine digits
+    left = digits/ten8
+    first_one = shiftr(left*per_ten8, 57)
+    text(18:25) = table%exponent(e)
     text(1:2) = '  '
-    text(3:3) = achar(iachar('0') + left/10**8)
+    text(3:3) = achar(iachar('0') + int(first_one))
     text(4:4) = '.'
-    text(5:12) = eight_digits(mod(left, 10**8))
-    text(13:20) = eight_digits(right)
-    text(21:25) = table%exponent(e)
+    call put_eight(left - first_one*ten8, text(5:12))
+    call put_eight(digits - left*ten8, text(13:20))
   end subroutine put_digits
 
-  !> A number of at most eight digits. Its halves, their halves and the digits stand side by side in one integer, first ones lowest;
-  !> products with 10486 2^-20, 103 2^-10 are quotients by 100, 10. Bytes are kept from the lowest on.
-  pure function eight_digits(n) result(text)
-    integer, intent(in) :: n
-    character(8) :: text
-    integer(int64) :: x, tens                                ! each part's quotient stays below the next part
-    x = n/10000 + shiftl(int(mod(n, 10000), int64), 32)
-    tens = iand(shiftr(10486*x, 20), 127 + shiftl(127_int64, 32))
-    x = tens + shiftl(x - 100*tens, 16)
-    tens = iand(shiftr(103*x, 10), nibbles)
-    x = tens + shiftl(x - 10*tens, 8)
-    text = transfer(x + zeros, text)
-  end function eight_digits
+  !> A number of at most eight digits, with leading zeros.
+  pure subroutine put_eight(n, text)
+    integer(int64), intent(in) :: n
+    character(8), intent(out) :: text
+    integer(int64) :: upper
+    upper = shiftr(n*per_ten4, 40)
+    text(1:4) = table%four(upper)
+    text(5:8) = table%four(n - upper*ten4)
+  end subroutine put_eight
 
-  !> Powers of ten by products with 10 = 1.25 2^3 and 1/10 = 0.8 2^-3, each wrong by two of the last bits at most.
+  !> Digits of numbers below ten thousand; powers of ten by products with 10 = 1.25 2^3 and 1/10 = 0.8 2^-3, each wrong by two of
+  !> the last bits at most.
   subroutine fill_table()
     integer(wide), parameter :: least = 2_wide**125
     integer(wide) :: bits                                    ! 10^p = bits 2^shift, from least to below twice of it
-    integer :: p, shift
+    integer(int32) :: pair(0:99)
+    integer :: p, k, shift
+    do p = 0, 99
+      pair(p) = iachar('0') + p/10 + 256*(iachar('0') + mod(p, 10))
+    end do
+    do p = 0, 99
+      do k = 0, 99
+        table%four(100*p + k) = transfer(pair(p) + 65536*pair(k), table%four(0))
+      end do
+    end do
     bits = least
     shift = -125
     do p = 0, last
@@ -171,10 +159,6 @@ contains
       end if
       call store_power(p, bits, shift)
     end do
-    do p = first, 308                                        ! high without its last 10 bits is a double
-      table%value(p) = scale(real(shiftr(table%high(p), 10), wp), table%shift(p) + 73)
-    end do
-    table%value(309) = huge(1.0_wp)
     table%filled = .true.
   end subroutine fill_table
 
@@ -182,11 +166,17 @@ contains
   subroutine store_power(p, bits, shift)
     integer, intent(in) :: p, shift
     integer(wide), intent(in) :: bits
+    integer(int64) :: mantissa
+    integer :: q
     character(8) :: number
-    number = eight_digits(abs(p))
-    table%high(p) = int(shiftr(bits, 63), int64)
-    table%low(p) = int(iand(bits, int(huge(1_int64), wide)), int64)
-    table%shift(p) = shift
-    table%exponent(p) = merge('E-', 'E+', p < 0)//number(6:)
+    call put_eight(int(abs(p), int64), number)
+    table%exponent(p) = '   '//merge('E-', 'E+', p < 0)//number(6:)
+    table%high(p) = int(shiftr(bits + word/2, 64), int64)
+    table%low(p) = int(bits - table%high(p)*word, int64)
+    table%shift(p) = shift - 947
+    mantissa = int(shiftr(bits, 73), int64)                  ! 10^p = mantissa 2^(q-1075), cut
+    q = shift + 1148
+    table%least(p) = max(q - 1, 0)*implicit_bit + shiftr(mantissa, max(1 - q, 0)) + merge(0, 1, p >= 0 .and. p <= largest_exact)
+    if (q > 2046) table%least(p) = huge(mantissa)
   end subroutine store_power
 end module decimal

@@ -1,5 +1,5 @@
-!> Checksum of a text that is written piece by piece; how it is cut into pieces does not matter. Fletcher's two sums over the
-!> 32-bit halves of its words, modulo 2^32 - 1: 1.5 instructions a letter.
+!> Checksum of a text that is written piece by piece; how it is cut into pieces does not matter. Fletcher's two sums, modulo
+!> 2^32 - 1, over the halves of words of 64 bits, each mixed of 32 letters: half an instruction a letter.
 module text_checksum
   use archive, only: digest, text_words
   use kinds, only: ip
@@ -7,7 +7,7 @@ module text_checksum
   private
 
   integer(ip), parameter :: low = 4294967295_ip
-  integer, parameter :: letters = 8              !! of a word
+  integer, parameter :: letters = 32             !! of a word
   integer, parameter :: block = 8192             !! words between two reductions: the sums stay below 2^62
 
   !> The sums so far.
@@ -41,10 +41,10 @@ contains
     self%rest = piece(taken + whole*letters + 1:)
   end subroutine add
 
-  !> Adds whole words to the sums.
+  !> Adds whole words to the sums. Turns by other than whole bytes bring the bits in which digits differ beside each other.
   pure subroutine add_words(n, text, sums)
     integer, intent(in) :: n                     !! words
-    character(letters), intent(in) :: text(n)    !! as words
+    character(8), intent(in) :: text(4, n)       !! as words
     integer(ip), intent(inout) :: sums(2)
     integer(ip) :: a, b, word
     integer :: first, k
@@ -52,7 +52,8 @@ contains
       a = sums(1)
       b = sums(2)
       do k = first, min(first + block - 1, n)
-        word = transfer(text(k), word)
+        word = ieor(ieor(transfer(text(1, k), word), ishftc(transfer(text(2, k), word), 13)), &
+                    ieor(ishftc(transfer(text(3, k), word), 27), ishftc(transfer(text(4, k), word), 43)))
         a = a + iand(word, low)
         b = b + a
         a = a + shiftr(word, 32)

@@ -34,11 +34,11 @@ contains
   !> A row.
   pure subroutine note(self, values)
     class(column_range), intent(inout) :: self
-    real(wp), intent(in) :: values(:)         !! (columns) [of the column]
+    real(wp), intent(in), contiguous :: values(:)   !! (columns) [of the column]
     integer :: k
-    do k = 1, size(values)
-      if (values(k) < self%low(k)) self%low(k) = values(k)
-      if (values(k) > self%high(k)) self%high(k) = values(k)
+    do k = 1, size(values)                    ! merge() in place of min() and max(): several at a time
+      self%low(k) = merge(values(k), self%low(k), values(k) < self%low(k))
+      self%high(k) = merge(values(k), self%high(k), values(k) > self%high(k))
     end do
   end subroutine note
 

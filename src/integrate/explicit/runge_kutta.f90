@@ -32,8 +32,8 @@ contains
     allocate (self%k(n, method%stages), self%y(n), source=0.0_wp)
   end subroutine prepare
 
-  !> One step from t to t + h, without projection. On entry k(:, 1) = f(t, y). Where the state of a stage is not finite or too
-  !> large, ok is false and y is that state.
+  !> One step from t to t + h, without projection, which looks whether its end is finite. On entry k(:, 1) = f(t, y). Where the
+  !> state of a stage is not finite or too large, ok is false and y is that state.
   subroutine step(self, system, t, h, y, ok)
     class(explicit_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
@@ -47,10 +47,7 @@ contains
       if (.not. ok) exit
       call system%derivative(t + self%method%c(i)*h, self%y, self%method%c(i) >= 1.0_wp, self%k(:, i))
     end do
-    if (ok) then
-      call combine(size(y), self%method%stages, self%method%stages, self%method%b, h, y, self%k, self%y)
-      ok = is_bounded(self%y)
-    end if
+    if (ok) call combine(size(y), self%method%stages, self%method%stages, self%method%b, h, y, self%k, self%y)
     y = self%y
   end subroutine step
 
