@@ -85,7 +85,7 @@ def digest(biela: Path) -> str:
 def keys(study: Study, text: str, solver: str, runs: list[tuple[str, ...]]) -> list[str]:
     """Return a key for each run: a hash of solver (`digest`), deck, settings and measures. The same key means the same run."""
     measured = asdict(study.measured) if study.measured else [asdict(scalar) for scalar in study.scalars]
-    common = json.dumps([solver, text, measured, study.extremes, study.check])
+    common = json.dumps([solver, text, measured, study.extremes, study.check, study.follow])
     head = hashlib.sha256(common.encode())
     found = []
     for run in runs:
@@ -98,12 +98,19 @@ def keys(study: Study, text: str, solver: str, runs: list[tuple[str, ...]]) -> l
 def batches(
     study: Study, common: tuple[str, ...], runs: list[tuple[str, ...]], wanted: list[int], options: StudyOptions, folder: Path
 ) -> Iterator[Batch]:
-    """Yield batches of the runs that are still to be made, one a batch where each may take so long only."""
+    """Yield batches of the runs that are still to be made, one a batch where each may take so long only.
+
+    Where cycles follow one another a batch is a whole row of them, over the values of the last parameter.
+    """
     size = max(1, min(BATCH if math.isinf(options.longest) else 1, len(wanted) // (4 * options.workers) or 1))
-    for first in range(0, len(wanted), size):
-        some = {number: (*runs[number], *common) for number in wanted[first : first + size]}
+    parts = [wanted[first : first + size] for first in range(0, len(wanted), size)]
+    if study.follow:
+        row = len(study.parameters[-1].values)
+        parts = [range(k, min(k + row, len(runs))) for k in range(0, len(runs), row) if {*wanted} & {*range(k, k + row)}]
+    for part in parts:
+        some = {number: (*runs[number], *common) for number in part}
         keep = str(folder / "runs") if options.keep else None
-        how = study.extremes, study.check, study.measured, options.longest
+        how = study.extremes, study.check, study.measured, options.longest, study.follow
         yield Batch(str(options.biela.resolve()), str(study.deck), some, study.scalars, keep, *how)
 
 

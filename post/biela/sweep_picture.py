@@ -14,6 +14,7 @@ from .plot import COLOURS, LOOK, axis_label, pretty_unit
 from .quantiles import Quantile
 from .sweep_study import Study
 
+ROUNDED = 1.0e-6  # by which a multiplier of 1 may be above it
 OUTLINED = [patheffects.withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
 
 
@@ -38,20 +39,44 @@ def draw(
         return []
     if len(free) == 2 and numeric and all(len(study.parameters[k].values) > 1 for k in free) and _is_grid(rows, free):
         return [_map(study, header, rows, free, result, folder, best, limits) for result in results]
+    groups: dict[object, list[int]] = {}  # orders of one column share a panel
+    for result, scalar in zip(results, study.scalars):
+        groups.setdefault((scalar.column, scalar.reference) if scalar.measure == "order" else result, []).append(result)
     with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(
-            len(results), len(free), figsize=(1.5 + 5.0 * len(free), 0.8 + 2.4 * len(results)), squeeze=False, layout="constrained"
-        )
-        for line, result in zip(axes, results):
+        size = 1.5 + 5.0 * len(free) + 1.5 * (len(free) == 1), 0.8 + 2.4 * len(groups)
+        figure, axes = plt.subplots(len(groups), len(free), figsize=size, squeeze=False, layout="constrained")
+        for line, group in zip(axes, groups.values()):
             for axis, k in zip(line, free):
-                points = sorted((row[k] if numeric else str(row[k]), row[result]) for row in good)
-                style = "-" if len(free) == 1 and numeric else ""
-                axis.plot(*zip(*points), f"{style}o", markersize=4, color=COLOURS[0])
+                for colour, result in zip(COLOURS * len(group), group):
+                    points = sorted((row[k] if numeric else str(row[k]), row[result]) for row in good)
+                    style = "-" if len(free) == 1 and numeric else ""
+                    name = header[result].partition("[")[0] if len(group) > 1 else None
+                    axis.plot(*zip(*points), f"{style}o", markersize=4, color=colour, label=name, clip_on=False)
                 if study.parameters[k].log:
                     axis.set_xscale("log")
                 axis.set_xlabel(pretty_unit(header[k].replace("[", " [")))
-            line[0].set_ylabel(pretty_unit(header[result].replace("[", " [")))
+                if len(free) == 1 and numeric:
+                    _shade_unstable(axis, study, rows, k)
+                if axis.get_legend_handles_labels()[0]:
+                    axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=6)
+            words = header[group[0]] if len(group) == 1 else f"orders of {study.scalars[group[0] - results[0]].column}["
+            unit = header[group[0]].partition("[")[2]
+            line[0].set_ylabel(pretty_unit((words if len(group) == 1 else words + unit).replace("[", " [")))
     return [save(figure, folder / "curves")]
+
+
+def _shade_unstable(axis: plt.Axes, study: Study, rows: list[list], k: int) -> None:
+    """Shade the values of a parameter whose cycles are not stable, where a result says so."""
+    own = len(study.parameters)
+    of = [own + j for j, one in enumerate(study.scalars) if one.key == "periodic.largest_multiplier"]
+    if not of:
+        return
+    at = sorted((row[k], not row[-1] and row[of[0]] > 1.0 + ROUNDED) for row in rows)
+    values = [value for value, _ in at]
+    ends = [values[0], *(0.5 * (a + b) for a, b in zip(values, values[1:])), values[-1]]
+    shown = [axis.axvspan(*ends[j : j + 2], color=COLOURS[1], alpha=0.2, lw=0.0) for j, (_, grows) in enumerate(at) if grows]
+    if shown:
+        shown[0].set_label("unstable cycle")
 
 
 def draw_distributions(study: Study, header: list[str], rows: list[list], quantiles: list[Quantile], limits, folder: Path) -> Path:

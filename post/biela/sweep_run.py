@@ -39,6 +39,7 @@ class Batch:
         check: each run measures its own error, which costs three times as much
         measured: measures a run in place of scalars
         longest: seconds after which a run is stopped [s]
+        follow: the cycle of each run starts from that of the one before
     """
 
     biela: str
@@ -50,6 +51,7 @@ class Batch:
     check: bool = False
     measured: object = None
     longest: float = math.inf
+    follow: bool = False
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,20 @@ def _rows(batch: Batch, folder: Path) -> list[Row]:
     decks = {number: folder / f"{number:06d}.nml" for number in batch.runs}
     for number, path in decks.items():
         path.write_text(including(Path(batch.deck), batch.runs[number]), encoding="utf-8")
-    with solver_start.start([batch.biela, "--quiet", *(path.name for path in decks.values())], folder) as solver:
+    if batch.follow:
+        rows, orbit = [], ()
+        for number, path in decks.items():
+            stopped = _call(batch, [*orbit, path.name], folder)
+            rows.append(_row(number, folder / "results" / path.stem, path, batch, stopped))
+            orbit = orbit if rows[-1].reason else ("--orbit", f"results/{path.stem}")
+        return rows
+    stopped = _call(batch, [path.name for path in decks.values()], folder)
+    return [_row(number, folder / "results" / path.stem, path, batch, stopped) for number, path in decks.items()]
+
+
+def _call(batch: Batch, words: list[str], folder: Path) -> str:
+    """Call the solver in a folder and return why it was stopped, '' where it was not."""
+    with solver_start.start([batch.biela, "--quiet", *words], folder) as solver:
         stopped = ""
         try:
             solver.communicate(timeout=batch.longest if math.isfinite(batch.longest) else None)
@@ -123,7 +138,7 @@ def _rows(batch: Batch, folder: Path) -> list[Row]:
             stopped = f"stopped after {batch.longest:g} s"
     if not stopped and solver_start.status(solver) < 0:
         stopped = f"the solver was stopped by signal {-solver_start.status(solver)}"
-    return [_row(number, folder / "results" / path.stem, path, batch, stopped) for number, path in decks.items()]
+    return stopped
 
 
 def end_with_parent() -> None:

@@ -157,6 +157,7 @@ class Study:
         extremes: the runs tell those of columns
         check: the runs measure their own errors
         quantiles: of the results, where the points are drawn at random; none where they are not
+        follow: cycles of `&periodic` start from that of the last value of the last parameter
         measured: a record that measures a run in place of scalars: `of(folder)`, and the `names` of what it gives
     """
 
@@ -172,6 +173,7 @@ class Study:
     extremes: bool = False
     check: bool = False
     quantiles: tuple[float, ...] = ()
+    follow: bool = False
     measured: object = None
 
 
@@ -192,7 +194,7 @@ def read(path: Path, design: bool = True) -> Study:
 
 def _study(path: Path, content: dict, design: bool) -> Study:
     """Return the study that a TOML file states."""
-    words = ("deck", "design", "samples", "seed", "quantiles", "parameter", "result", "best", "where", "starts", "runs")
+    words = ("deck", "design", "samples", "seed", "quantiles", "follow", "parameter", "result", "best", "where", "starts", "runs")
     _known(content, words, "the study")
     if not isinstance(content.get("deck"), str):
         raise StudyError("deck = 'FILE.nml' is missing")
@@ -219,7 +221,10 @@ def _study(path: Path, content: dict, design: bool) -> Study:
     if not isinstance(levels, list) or not levels or not all(type(one) in (int, float) and 0.0 < one < 1.0 for one in levels):
         raise StudyError(f"quantiles = {levels!r}: numbers between 0 and 1 expected")
     levels = tuple(sorted(levels)) if design and content.get("design") == "random" else ()
-    return Study(path.stem, deck, parameters, scalars, points, best, tuple(where), **counts, quantiles=levels)
+    follow = content.get("follow", False)
+    if not isinstance(follow, bool) or (follow and content.get("design", "grid") not in ("grid", "zip")):
+        raise StudyError(f"follow = {follow!r}: true or false expected, with design = 'grid' or 'zip'")
+    return Study(path.stem, deck, parameters, scalars, points, best, tuple(where), **counts, quantiles=levels, follow=follow)
 
 
 def _known(entry: dict, words: tuple[str, ...], what: str) -> None:

@@ -383,3 +383,42 @@ def test_without_the_package_of_dask_the_command_names_it(study, monkeypatch, ca
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     assert study(STUDY, "--scheduler", "tcp://127.0.0.1:9")[0] == 2
     assert capsys.readouterr().err == "sweep: --scheduler needs the package distributed: pip install 'dask[distributed]'\n"
+
+
+OSCILLATOR = """&parameter name='speed' value=8 /
+&parameter name='idle' value=1 /
+&body name='mass' mass=1 inertia=1 position=0.1,0 /
+&joint name='rail' type='prismatic' body_a='mass' direction=0 /
+&spring name='k' type='linear' body_a='mass' body_b='ground' point_b=-2,0 stiffness=100 damping=1 free_length=2.1 /
+&history name='h' kind='sine' amplitude=5 frequency={speed/2/pi} phase={pi/2} /
+&force name='f' type='force' body='mass' fx=1 history='h' /
+&sensor name='x' quantity='position' body='mass' /
+&periodic period={2*pi/speed} multipliers=2 /
+&transient method='rk4' step={2*pi/speed/400} output_step={2*pi/speed/100} /
+"""
+MAP = """deck = 'oscillator.nml'
+design = 'zip'
+follow = true
+parameter = [{name = 'speed', values = [8, 8, 10, -1, 12]}, {name = 'idle', values = [1, 2, 3, 4, 5]}]
+result = [{name = 'range', measure = 'range', column = 'x.x'},
+          {name = 'multiplier', measure = 'summary', key = 'periodic.largest_multiplier'},
+          {name = 'turns', measure = 'summary', key = 'periodic.turns_to_cycle'}]
+"""
+
+
+def test_cycles_over_speed_follow_one_another(study, tmp_path):
+    """An oscillator under a harmonic force: its amplitude and its multipliers are known; the same cycle again needs one turn."""
+    (tmp_path / "oscillator.nml").write_text(OSCILLATOR)
+    status, rows = study(MAP, "--jobs", "2")
+    assert status == 0
+    assert [row["failure"] != "" for row in rows] == [False, False, False, True, False]
+    for row in rows:
+        speed = float(row["speed"])
+        if not row["failure"]:
+            size = 5.0 / np.hypot(100.0 - speed**2, speed)
+            assert float(row["range[m]"]) == pytest.approx(2.0 * size, rel=1e-6)
+            assert float(row["multiplier"]) == pytest.approx(np.exp(-np.pi / speed), abs=1e-8)
+    assert [float(rows[k]["turns"]) for k in (0, 1, 2)] == [4.0, 1.0, 4.0]
+    journal = Path("results/sweep/study/journal.jsonl").read_text().splitlines()
+    Path("results/sweep/study/journal.jsonl").write_text("\n".join(journal[:2]) + "\n")
+    assert study(MAP)[1] == rows, "a row of cycles is made anew as a whole"

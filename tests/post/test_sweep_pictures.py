@@ -48,3 +48,20 @@ def test_pictures_are_curves_over_one_parameter_and_maps_over_two(tmp_path, monk
 def test_what_varies_in_nothing_has_no_picture(tmp_path, monkeypatch):
     assert drawn(tmp_path, monkeypatch, [[1.0, 3.0, ""]], named("h")) == []
     assert drawn(tmp_path, monkeypatch, [[1.0, "", "no"], [2.0, "", "no"]], named("h")) == []
+
+
+def test_unstable_cycles_are_shaded_and_orders_share_a_panel(tmp_path, monkeypatch):
+    scalars = [Scalar(f"o{k}", "order", "pin.fx", order=float(k), period="crank") for k in (1, 2)]
+    scalars.append(Scalar("largest", "summary", key="periodic.largest_multiplier"))
+    rows = [[float(k), 3.0, 1.0, size, ""] for k, size in enumerate((0.9, 1.2, 1.0, 0.9))] + [[4.0, "", "", "", "no cycle"]]
+    seen = []
+    monkeypatch.setattr(sweep_picture, "save", lambda figure, path: seen.append(figure) or path)
+    study = sweep_study.Study("s", tmp_path / "a.nml", (named("speed"),), tuple(scalars), ())
+    sweep_picture.draw(study, ["speed", "o1[N]", "o2[N]", "largest", "failure"], rows, tmp_path)
+    upper, lower = seen[0].axes
+    assert (upper.get_ylabel(), lower.get_ylabel()) == ("orders of pin.fx [N]", "largest")
+    assert [text.get_text() for text in upper.get_legend().get_texts()] == ["o1", "o2", "unstable cycle"]
+    for axis in (upper, lower):
+        (patch,) = axis.patches
+        assert (patch.get_x(), patch.get_x() + patch.get_width()) == (0.5, 1.5)
+    sweep_picture.plt.close("all")
