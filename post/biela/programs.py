@@ -164,7 +164,7 @@ def animate(p: Parser) -> None:
     p.add("--output", type=Path, metavar="STEM", help=where)
 
 
-@program("modes.draw_all")
+@program("mode_pictures.draw_all")
 def modes(p: Parser) -> None:
     """Draw what a modal analysis and a frequency response left in a results folder, as PNG (PDF, SVG by --output).
 
@@ -214,7 +214,7 @@ def spectrum(p: Parser) -> None:
     p.add("--output", type=Path, metavar="FILE", help="the picture: .png, .pdf, .svg (spectrum.png beside the run)")
 
 
-@program("report.work")
+@program("report_page.work")
 def report(p: Parser) -> None:
     """Write one page (HTML) about a run, or about two runs side by side: it opens from the disk and needs no network.
 

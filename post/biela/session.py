@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
     from .fit_material import MaterialFit
     from .identify_work import Identified
+    from .mode_pictures import Modes
     from .optimum import Optimum
+    from .report_page import Report
     from .sensitivity_work import Sensitivity
     from .spectrum_work import Spectrum
     from .sweep_work import Sweep
@@ -91,9 +93,9 @@ class Result:
 
     def findings(self) -> dict[str, str]:
         """Return what the report begins with: largest deflections, stresses, reactions, torques, energies, frequencies."""
-        from . import report
+        from . import report_page
 
-        return report.findings(report.load(self.folder, self.summary.deck))
+        return report_page.findings(report_page.load(self.folder, self.summary.deck))
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><td>{html.escape(a)}</td><td>{html.escape(b)}</td></tr>" for a, b in self.findings().items())
@@ -306,3 +308,38 @@ def spectrum(
 
     table = run.history if isinstance(run, Result) else run if isinstance(run, History) else read(run)
     return take(table.between(start, end), [columns] if isinstance(columns, str) else columns, **options)
+
+
+def modes(run: str | Path | Result) -> Modes:
+    """Return the modes of a run whose deck has a `&modal`.
+
+    Args:
+        run: a result, or a results folder
+
+    Returns:
+        `to_dataframe()` with frequencies [Hz], damping ratios [-] and poles [1/s], [rad/s]; `picture()`, `poles()`.
+
+    Raises:
+        BielaError: the run has no modes.
+    """
+    from .mode_pictures import Modes
+
+    return Modes(run.modes if isinstance(run, Result) else read(run, "modes"))
+
+
+def report(*runs: str | Path | Result, **options: object) -> Report:
+    """Return a page (HTML) about a run, or about two side by side.
+
+    Args:
+        runs: results, or results folders
+        options: `labels=["old", "new"]`, `title`, `study`, the folder of a trade-off; `start`, `end`: rows that count [s]
+
+    Returns:
+        the `html`, the `findings` by run; `save(path)`, `to_dataframe()`.
+
+    Raises:
+        BielaError: a folder holds no run, or there are more than two.
+    """
+    from .report_page import report as write
+
+    return write([run.folder if isinstance(run, Result) else Path(run) for run in runs], **options)

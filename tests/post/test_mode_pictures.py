@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import animate, modes
+from biela import animate
+from biela import mode_pictures as modes
 from biela.histories import History, HistoryError, read
 from biela.programs import modes as modes_command
 from linear_scenes import FORCE, beam, sweep

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from biela import engineering
-from biela import report as report_tool
+from biela import report_page as report_tool
 from biela.histories import HistoryError, read
 from biela.programs import report as report_command
 from conftest import ROOT
@@ -79,11 +79,11 @@ def test_sections_are_those_that_the_runs_have(page):
     headings = Page(page).headings
     assert headings == [
         "Results",
-        "Scene and model",
+        "Scene",
         "Histories",
         *(["Motion"] if "motion_step" in CRANK else []),
-        "Energy, accuracy, validity",
-        "Solver",
+        "Energy",
+        "Model and solver",
         "Stable steps",
         "Decks",
     ]
@@ -122,7 +122,7 @@ def test_what_a_designer_asks_comes_first(run_deck, tmp_path):
     assert "Rows from 0.25 s to 0.75 s count." in report_tool.results([late]).parts[-1].paragraphs
     first = report_tool.results([run])
     assert first.parts[-1].pictures[0].caption == "arm: modulus of material a_rubber"
-    assert run.outcome == "done, within what the model can tell"
+    assert run.outcome == "done"
     run.figures["warnings"].append("body bends too far")
     assert run.outcome == "done, but with 1 warning"
     assert report_tool.results([run]).parts[0].paragraphs == ["body bends too far"]

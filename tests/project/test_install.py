@@ -43,7 +43,7 @@ def python(folder, text, *words, path=""):
 
 def test_every_module_of_the_package_can_be_imported(package):
     names = [".".join(path.relative_to(package).with_suffix("").parts) for path in package.glob("biela/**/*.py")]
-    assert {"biela.histories", "biela.programs", "biela.report"} <= set(names)
+    assert {"biela.histories", "biela.programs", "biela.report_page"} <= set(names)
     text = "import importlib, sys, biela\nfor name in sys.argv[1:]: importlib.import_module(name)\n"
     text += "from biela.histories import HistoryError\nassert HistoryError is biela.HistoryError\n"
     python(package, text, *names)

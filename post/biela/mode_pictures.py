@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -16,6 +18,9 @@ from .mechanism import Mechanism, from_run
 from .picture_files import save
 from .plot import COLOURS, LOOK, STYLES, axis_label, moving, share_abscissa, stacked
 from .result_files import RESULT_FILES, HistoryError
+
+if TYPE_CHECKING:
+    import pandas
 
 UNDAMPED, VIBRATION, FURTHER, REAL = range(4)
 SIZE = 0.12
@@ -237,6 +242,37 @@ def input_of(path: Path) -> str:
     return ""
 
 
+@dataclass(frozen=True)
+class Modes:
+    """Modes of a run: undamped ones, vibrations, further poles.
+
+    Attributes:
+        table: of modes.txt: kind, frequency [Hz], damping ratio [-], poles [1/s], [rad/s], shapes
+    """
+
+    table: History
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return kind, number, frequency [Hz], damping ratio and pole of each mode."""
+        import pandas
+
+        names = ["mode", "frequency", "damping_ratio", "real", "imag"]
+        columns = {"kind": [KINDS[int(kind)][0] for kind in self.table["kind"]], **{name: self.table[name] for name in names}}
+        units = {name: f"{name}_[{self.table.units[name]}]" for name in names if self.table.units[name] not in ("", "-")}
+        return pandas.DataFrame(columns).rename(columns=units).astype({"mode": int})
+
+    def picture(self, modes: list[int] | None = None, title: str = "") -> plt.Figure:
+        """Draw the shapes of modes by their numbers (the first six) over the mechanism."""
+        return draw_shapes(self.table, chosen_rows(self.table, modes), title)
+
+    def poles(self, title: str = "") -> plt.Figure:
+        """Draw the poles in the complex plane."""
+        return draw_poles(self.table, title)
+
+    def _repr_html_(self) -> str:
+        return self.to_dataframe().to_html(max_rows=20)
+
+
 def draw_all(args: argparse.Namespace) -> int:
     """Draw what the run has and say which files were written; raises HistoryError."""
     if args.run.name in RESULT_FILES.values() and args.run.is_file():
@@ -247,10 +283,9 @@ def draw_all(args: argparse.Namespace) -> int:
     if not there:
         raise HistoryError(f"{args.run}: has neither modes.txt nor frequency_response.txt (has the run been made?)")
     if "modes" in there:
-        table = read(args.run, "modes")
-        figure = draw_shapes(table, chosen_rows(table, args.modes), args.title)
-        paths.append(save(figure, stem, "_modes"))
-        paths.append(save(draw_poles(table, args.title), stem, "_poles"))
+        found = Modes(read(args.run, "modes"))
+        paths.append(save(found.picture(args.modes, args.title), stem, "_modes"))
+        paths.append(save(found.poles(args.title), stem, "_poles"))
     if "frequency_response" in there:
         table = read(args.run, "frequency_response")
         figure = draw_response(table, sensors(table, args.columns), args.title)

@@ -9,6 +9,7 @@ import math
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import jinja2
 import matplotlib.pyplot as plt
@@ -16,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from . import draw as scene_picture
-from . import engineering, loss_picture, modes, plot
+from . import engineering, loss_picture, mode_pictures, plot
 from .animate import sheet
 from .deck import Deck, groups_of
 from .histories import History, read, read_summary
@@ -24,6 +25,9 @@ from .mechanism import from_run
 from .picture_files import lay_out
 from .progress import Progress
 from .result_files import RESULT_FILES, HistoryError, note
+
+if TYPE_CHECKING:
+    import pandas
 
 TEMPLATE = Path(__file__).resolve().parent / "report.html"
 MOST_COLUMNS = 40  # drawn of a history; a table of the ranges holds them all
@@ -81,7 +85,6 @@ class Run:
     Attributes:
         folder: where it is
         figures: of summary.json
-        words: lines of summary.txt before the deck's text
         label: what tells it from the other run
         start: rows before this time do not count among the largest values [s]
         end: rows after this time do not count among them [s]
@@ -89,7 +92,6 @@ class Run:
 
     folder: Path
     figures: dict
-    words: str
     label: str
     start: float = -math.inf
     end: float = math.inf
@@ -105,7 +107,7 @@ class Run:
         count = len(self.figures["warnings"])
         if count:
             return f"{self.figures['outcome']}, but with {count} warning{'s' if count > 1 else ''}"
-        return self.figures["outcome"] + (", within what the model can tell" if "  validity: " in self.words else "")
+        return self.figures["outcome"]
 
     @property
     def clean(self) -> bool:
@@ -123,25 +125,12 @@ class Run:
                 raise
             return None
 
-    def lines(self, heading: str) -> str:
-        """Return the lines of summary.txt below a heading, without their indent."""
-        lines = self.words.splitlines()
-        if heading not in lines:
-            return ""
-        first = lines.index(heading) + 1
-        last = next((k for k in range(first, len(lines)) if not lines[k].startswith(" ")), len(lines))
-        return "\n".join(line[2:] for line in lines[first:last])
-
 
 def load(folder: Path, label: str, start: float = -math.inf, end: float = math.inf) -> Run:
     """Return a run; HistoryError where the folder holds none."""
     if not folder.is_dir():
         raise HistoryError(f"{folder}: no results folder")
-    try:
-        words = (folder / "summary.txt").read_text(encoding="utf-8", errors="replace").partition("\ndeck text\n")[0]
-    except OSError as fault:
-        raise HistoryError(f"{folder}: has no readable summary.txt ({fault})") from None
-    return Run(folder, read_summary(folder), words, label, start, end)
+    return Run(folder, read_summary(folder), label, start, end)
 
 
 def embed(figure: plt.Figure, caption: str) -> Picture:
@@ -247,50 +236,36 @@ def results(runs: list[Run]) -> Section:
     return Section("Results", [*(one for one in warnings if one.paragraphs), part])
 
 
-def solver_table(runs: list[Run]) -> Section:
-    """Return the table of what both runs are and cost."""
-    rows = [
-        ("deck", lambda f: f["deck"]),
-        ("coordinates", lambda f: f["model"]["coordinates"]),
-        ("dissipative coordinates", lambda f: f["model"]["dissipative_coordinates"]),
-        ("degrees of freedom", lambda f: f["model"]["degrees_of_freedom"]),
-        ("method", lambda f: f["transient"]["method"]),
-        ("step [s]", lambda f: f["transient"]["step"]),
-        ("tolerance [-]", lambda f: f["transient"]["tolerance"]),
-        ("reached [s]", lambda f: f["transient"]["reached"]),
-        ("steps", lambda f: f["transient"]["steps"]),
-        ("evaluations", lambda f: f["transient"]["evaluations"]),
-        ("energy balance, of the energy that moved [-]", lambda f: f["transient"]["energy_balance"]),
-        ("joints open, of the scene's size [-]", lambda f: f["transient"]["position_violation_of_size"]),
-        ("worst column's estimated error, of its range [-]", lambda f: f["transient"]["worst_error_of_range"]),
-        ("warnings", lambda f: len(f["warnings"])),
-        ("processor time of the analyses [s]", lambda f: f["timing"]["processor_seconds"]),
-        ("ended", lambda f: f["timing"]["ended"].replace("T", " ")),
-        ("machine", lambda f: f["timing"]["host"]),
-        ("biela", lambda f: f"{f['version']}, {f['timing']['compiler']}"),
-    ]
-    table = []
-    for name, take in rows:
-        values = []
-        for run in runs:
-            try:
-                values.append(table_text(take(run.figures)))
-            except KeyError:
-                values.append("")
-        if any(values):
-            table.append([name, *values])
-    return Section("Solver", [Part(head=["", *(run.label for run in runs)], rows=table)])
+def facts(part: object, lead: str = "") -> dict[str, str]:
+    """Return the figures of a part of the summary in words, by what they are; items of a list by their names."""
+    if isinstance(part, dict):
+        named = {f"{lead}, {key}" if lead else key: value for key, value in part.items() if key != "name"}
+        words = {key: key if "[" in key else key.replace("_", " ") for key in named}  # a column keeps its name
+        return {name: text for key, value in named.items() for name, text in facts(value, words[key]).items()}
+    if isinstance(part, list) and part and isinstance(part[0], dict):
+        items = {f"{lead} {item.get('name', number)}": item for number, item in enumerate(part, 1)}
+        return {name: "; ".join(f"{key} {words}" for key, words in facts(item).items()) for name, item in items.items()}
+    return {lead: ", ".join(map(table_text, part)) if isinstance(part, list) else table_text(part)}
 
 
-def model(runs: list[Run]) -> Section:
-    """Return the scene and what was modelled, in the solver's words."""
+def side_by_side(title: str, runs: list[Run], *parts: str) -> Section | None:
+    """Return a section with the figures of parts of the summary, runs side by side; None where no run has any."""
+    found = [{name: x for part in parts if part in run.figures for name, x in facts(run.figures[part]).items()} for run in runs]
+    names = dict.fromkeys(name for one in found for name in one)
+    rows = [[name, *(one.get(name, "") for one in found)] for name in names]
+    head = ["SI units", *(run.label for run in runs)]
+    return Section(title, [Part(head=head, rows=rows)]) if rows else None
+
+
+def scene(runs: list[Run]) -> Section:
+    """Return the scene as assembled."""
     parts = []
     for run in runs:
         same = run is not runs[0] and run.figures["scene"] == runs[0].figures["scene"]
         shown = [] if same else [embed(scene_picture.draw(run.figures, ""), f"{run.label}: the scene as assembled")]
-        parts.append(Part(heading=run.label if len(runs) > 1 else "", pictures=shown, text=run.lines("model")))
-        parts[-1].paragraphs = ["The same scene."] if same else []
-    return Section("Scene and model", parts)
+        words = ["The same scene."] if same else []
+        parts.append(Part(heading=run.label if len(runs) > 1 else "", pictures=shown, paragraphs=words))
+    return Section("Scene", parts)
 
 
 def differences(runs: list[Run], names: list[str]) -> list[Part]:
@@ -338,7 +313,7 @@ def histories(runs: list[Run]) -> Section | None:
 
 
 def energy(runs: list[Run]) -> Section | None:
-    """Return energies, residual and openings of the joints, and what the solver says of accuracy and validity."""
+    """Return energies, residual and openings of the joints."""
     parts = []
     for run in runs:
         table = run.table("energy")
@@ -348,8 +323,8 @@ def energy(runs: list[Run]) -> Section | None:
         lost = loss_picture.draw(table, run.figures.get("transient", {}))
         pictures = [embed(lost, f"{run.label}: energy lost over time, and by what")] if lost else []
         pictures += column_pictures([table], [run.label], shown, f"{run.label}: energies, their residual, openings of joints")
-        parts.append(Part(heading=run.label if len(runs) > 1 else "", text=run.lines("transient"), pictures=pictures))
-    return Section("Energy, accuracy, validity", parts) if parts else None
+        parts.append(Part(heading=run.label if len(runs) > 1 else "", pictures=pictures))
+    return Section("Energy", parts) if parts else None
 
 
 def modal(runs: list[Run]) -> Section | None:
@@ -365,9 +340,9 @@ def modal(runs: list[Run]) -> Section | None:
             for pole in found["poles"]
         ]
         head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
-        shown = modes.chosen_rows(table, None)
-        shapes = modes.draw_shapes(table, shown)
-        pictures = [embed(shapes, f"{run.label}: shapes"), embed(modes.draw_poles(table), f"{run.label}: poles")]
+        shown = mode_pictures.chosen_rows(table, None)
+        shapes = mode_pictures.draw_shapes(table, shown)
+        pictures = [embed(shapes, f"{run.label}: shapes"), embed(mode_pictures.draw_poles(table), f"{run.label}: poles")]
         words = [line for line in (found["complete"], found["complete_damped"]) if line]
         parts.append(Part(heading=run.label if len(runs) > 1 else "", paragraphs=words, head=head, rows=rows, pictures=pictures))
     return Section("Modes", parts) if parts else None
@@ -380,8 +355,8 @@ def responses(runs: list[Run]) -> Section | None:
         table = run.table("frequency_response")
         if table is None:
             continue
-        names = modes.sensors(table, None)
-        figure = modes.draw_response(table, names)
+        names = mode_pictures.sensors(table, None)
+        figure = mode_pictures.draw_response(table, names)
         caption = f"{run.label}: response to {run.figures['frequency_response']['input']}"
         parts.append(Part(heading=run.label if len(runs) > 1 else "", pictures=[embed(figure, caption)]))
     return Section("Frequency response", parts) if parts else None
@@ -424,19 +399,14 @@ def tradeoff(runs: list[Run], folder: Path | None) -> Section | None:
 
 def sections(runs: list[Run], study: Path | None) -> list[Section]:
     """Return the page's sections; those of which a run has no file are left out."""
-    steps = [
-        Part(heading=run.label if len(runs) > 1 else "", text=text)
-        for run in runs
-        if (text := run.lines("stable steps of explicit methods"))
-    ]
-    statics = [Part(heading=run.label if len(runs) > 1 else "", text=text) for run in runs if (text := run.lines("static"))]
     decks = [Part(heading=run.label if len(runs) > 1 else "", text=run.figures["deck_text"]) for run in runs]
-    steps_of = Section("Stable steps", steps) if steps else None
-    equilibrium = Section("Equilibrium", statics) if statics else None
+    title = "Decks" if len(runs) > 1 else "Deck"
     makers = [
-        lambda: results(runs), lambda: model(runs), lambda: histories(runs), lambda: motion(runs), lambda: equilibrium,
-        lambda: modal(runs), lambda: responses(runs), lambda: tradeoff(runs, study), lambda: energy(runs),
-        lambda: solver_table(runs), lambda: steps_of, lambda: Section("Decks" if len(runs) > 1 else "Deck", decks),
+        lambda: results(runs), lambda: scene(runs), lambda: histories(runs), lambda: motion(runs),
+        lambda: side_by_side("Equilibrium", runs, "static"), lambda: modal(runs), lambda: responses(runs),
+        lambda: tradeoff(runs, study), lambda: energy(runs),
+        lambda: side_by_side("Model and solver", runs, "model", "transient", "timing"),
+        lambda: side_by_side("Stable steps", runs, "stable_steps"), lambda: Section(title, decks),
     ]  # fmt: skip
     found = []
     for number, make in enumerate(makers, 1):
@@ -452,24 +422,66 @@ def page(runs: list[Run], title: str, study: Path | None = None) -> str:
     return template.render(title=title, runs=runs, sections=sections(runs, study))
 
 
+@dataclass(frozen=True)
+class Report:
+    """A page about a run, or about two.
+
+    Attributes:
+        html: the page
+        findings: what a designer asks, in words, of each run by its label
+    """
+
+    html: str
+    findings: dict[str, dict[str, str]]
+
+    def save(self, path: Path) -> Path:
+        """Write the page; HistoryError where it cannot be written."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(self.html, encoding="utf-8")
+            note(path)
+        except OSError as fault:
+            raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
+        return path
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return the findings, a column a run."""
+        import pandas
+
+        return pandas.DataFrame(self.findings)
+
+    def _repr_html_(self) -> str:
+        return self.to_dataframe().to_html(na_rep="–")
+
+
+def report(
+    folders: list[Path], labels: list[str] | None = None, title: str = "", study: Path | None = None, start: float = -math.inf,
+    end: float = math.inf,
+) -> Report:  # fmt: skip
+    """Return the page about one or two results folders; HistoryError where they are damaged, or more.
+
+    Args:
+        folders: of the runs
+        labels: what they are called: their folders' names
+        title: headline: those of the decks
+        study: folder of a trade-off: that of the deck beside the results
+        start: rows before this time do not count among the largest values [s]
+        end: rows after this time do not count among them [s]
+    """
+    if len(folders) > 2:
+        raise HistoryError(f"{len(folders)} runs: one, or two to compare, expected")
+    labels = labels or [path.resolve().name for path in folders]
+    if len(labels) != len(folders):
+        raise HistoryError(f"{len(labels)} labels for {len(folders)} runs: one each expected")
+    runs = [load(*found, start, end) for found in zip(folders, labels)]
+    title = title or " – ".join(dict.fromkeys(run.figures["title"] or run.figures["deck"] for run in runs))
+    return Report(page(runs, title, study), {run.label: findings(run) for run in runs})
+
+
 def work(args: argparse.Namespace) -> int:
     """Write the page and say where it is; raises HistoryError."""
-    if len(args.runs) > 2:
-        raise HistoryError(f"{len(args.runs)} runs: one, or two to compare, expected")
-    labels = args.labels or [path.resolve().name for path in args.runs]
-    if len(labels) != len(args.runs):
-        raise HistoryError(f"{len(labels)} labels for {len(args.runs)} runs: one each expected")
-    runs = [load(*found, args.start, args.end) for found in zip(args.runs, labels)]
-    title = args.title or " – ".join(dict.fromkeys(run.figures["title"] or run.figures["deck"] for run in runs))
-    path = args.output or args.runs[0] / "report.html"
     line = Progress.begin()
-    text = page(runs, title, args.tradeoff)
+    found = report(args.runs, args.labels, args.title or "", args.tradeoff, args.start, args.end)
     line.clear()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-        note(path)
-    except OSError as fault:
-        raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
-    print(f"wrote {path}")
+    print(f"wrote {found.save(args.output or args.runs[0] / 'report.html')}")
     return 0
