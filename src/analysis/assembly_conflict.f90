@@ -25,7 +25,6 @@ module assembly_conflict
 
   character(*), parameter :: what_is_expected = '; expected positions and angles near which every joint and drive holds at t = 0'
   integer, parameter :: most_welds = 100            !! welds and prismatic joints whose angles are tried
-  real(wp), parameter :: dependent = 1.0e-8_wp      !! pivot below which a row depends on others [-]
 
 contains
 
@@ -132,7 +131,7 @@ contains
     allocate (weak(m%s%rows))
     call evaluate_start(m, ev, q)
     call condense_geometry(m, ev)
-    call ev%schur%weak_rows(dependent, weak)
+    call ev%schur%weak_rows(weak)
     yes = count(.not. weak) < before%rank + m%s%constraints(culprit)%item%rows
   end function leaves_no_motion
 

@@ -22,7 +22,6 @@ module linear_state
   private
   public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium, warn_of_motion, largest_acceleration
 
-  real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others, as at assembly [-]
   real(wp), parameter :: at_rest = 1.0e-6_wp        !! accelerations of an equilibrium, over those without joints [-]
   real(wp), parameter :: rounding = 1.0e-8_wp       !! accelerations that are rounding of others, likewise [-]
 
@@ -115,7 +114,7 @@ contains
     allocate (dependent(lin%rows))
     if (lin%rows > 0) then
       call condense_geometry(m, ev)
-      call ev%schur%weak_rows(redundant, dependent)
+      call ev%schur%weak_rows(dependent)
     end if
     call ds%build(m, lin, largest_force(m, ev), dependent)
   end subroutine linear_system_with

@@ -198,11 +198,11 @@ contains
         end associate
       end do
       return
+    else if (advice%safe%step(k) >= huge(1.0_wp)) then
+      line = trim(method_names(k))//': nothing limits its steps but accuracy'
     else if (run%d%transient%adaptive) then
       line = trim(method_names(k))//' with tolerance='//to_text(run%d%transient%tolerance)//': the error control keeps '// &
              'its steps near or below the current bound'
-    else if (advice%safe%step(k) >= huge(1.0_wp)) then
-      line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s: nothing limits it'
     else
       share = fixed_step_of(run)/advice%safe%step(k)
       line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s, {step_of_safe_bound %} of '// &

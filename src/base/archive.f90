@@ -1,7 +1,7 @@
 !> Values that a checkpoint keeps. The same procedure `exchange` saves and restores them, in the same order, so that the two
 !> cannot disagree. Numbers keep their bits. Also the project's 64-bit digest.
 module archive
-  use kinds, only: wp, ip
+  use kinds, only: wp, ip, low
   implicit none (type, external)
   private
   public :: digest, text_words
@@ -145,7 +145,6 @@ contains
   !> A number that changes with every bit of the words: two 32-bit multiplicative hashes side by side, no overflow.
   pure integer(ip) function digest(words) result(hash)
     integer(ip), intent(in) :: words(:)
-    integer(ip), parameter :: low = 4294967295_ip
     integer(ip) :: a, b, x
     integer :: k, half
     a = 2166136261_ip

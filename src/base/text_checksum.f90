@@ -2,11 +2,10 @@
 !> 2^32 - 1, over the halves of words of 64 bits, each mixed of 32 letters: half an instruction a letter.
 module text_checksum
   use archive, only: digest, text_words
-  use kinds, only: ip
+  use kinds, only: ip, low
   implicit none (type, external)
   private
 
-  integer(ip), parameter :: low = 4294967295_ip
   integer, parameter :: letters = 32             !! of a word
   integer, parameter :: block = 8192             !! words between two reductions: the sums stay below 2^62
 

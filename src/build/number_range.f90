@@ -5,6 +5,7 @@
 module number_range
   use kinds, only: wp
   use body, only: body_model
+  use deck_numbers, only: decades
   use deck_origin, only: origin
   use deck_records, only: deck, body_record
   use errors, only: fault_list
@@ -16,8 +17,6 @@ module number_range
   private
   public :: check_laws, check_values, check_distances
 
-  real(wp), parameter :: smallest_value = 1.0e-60_wp         !! [any]
-  real(wp), parameter :: largest_value = 1.0e60_wp           !! products of five stay finite, as do those of their reciprocals [any]
   real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element over its body's: beside a lump it keeps two digits [-]
   real(wp), parameter :: least_bending = 1.0e-20_wp !! of a slender element, of its axial stiffness [-]
   real(wp), parameter :: least_radius = 1.0e-14_wp  !! of gyration, in sizes of the scene [-]
@@ -102,7 +101,7 @@ contains
     character(*), intent(in) :: what, unit
     real(wp), intent(in) :: x                 !! not negative [unit]
     type(fault_list), intent(inout) :: faults
-    out_of_range = .not. (x <= largest_value .and. (x >= smallest_value .or. abs(x) <= 0.0_wp))
+    out_of_range = .not. (x <= 10.0_wp**decades .and. (x >= 10.0_wp**(-decades) .or. abs(x) <= 0.0_wp))   ! as a deck's numbers
     if (out_of_range) call at%blame(faults, 'the '//what//' would be '//trim(to_text(x)//' '//unit)// &
                                 ', too far from 1 to compute with in double precision; expected 1e-60 to 1e60 (check units)')
   end function out_of_range

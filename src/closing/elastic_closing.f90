@@ -21,7 +21,6 @@ module elastic_closing
 
   integer, parameter :: most_newton = 10
   real(wp), parameter :: negligible = 1.0e-12_wp     !! s over the least squared frequency of an elastic coordinate [-]
-  real(wp), parameter :: redundant = 1.0e-8_wp       !! pivot below which a row depends on others [-]
 
 contains
 
@@ -47,7 +46,7 @@ contains
       call evaluate_start(self, ev, q)
       if (maxval(abs(ev%rows%phi)) <= gap .or. pass == most_newton) return
       call condense_geometry(self, ev)
-      call ev%schur%weak_rows(redundant, dependent)
+      call ev%schur%weak_rows(dependent)
       call linearise(bodies, ev, q, rest, rest, no_force, ev%action(:0), lin)
       call ds%build(bodies, lin, 0.0_wp, dependent)
       call ds%set_real(negligible*least_frequency(bodies, ds))

@@ -12,12 +12,12 @@ module position_closing
   use mechanism, only: mechanism_model
   use marker_motion, only: marker_kinematics
   use text, only: either, es_text, exact_text, to_text
+  use projection, only: closed
   implicit none (type, external)
   private
   public :: close_positions, warn_of_drives, warn_of_motion, closed_gap
 
   integer, parameter :: most_newton = 200
-  real(wp), parameter :: closed = 1.0e-12_wp        !! |Phi| of a closed mechanism, relative to the scene's size [-]
   real(wp), parameter :: small = 1.0e-5_wp          !! |Phi| that bending may close: rounded decks; relative to the size [-]
   real(wp), parameter :: far = 0.05_wp              !! motion of a frame above which a warning is given, relative to the size [-]
 

@@ -13,7 +13,6 @@ module redundancy
   private
   public :: count_freedoms
 
-  real(wp), parameter :: redundant = 1.0e-8_wp      !! pivot below which a row depends on others [-]
   integer, parameter :: mixtures = 2                !! vectors of the null space examined: in one, entries may cancel by chance
 
 contains
@@ -37,7 +36,7 @@ contains
       call evaluate_start(self, ev, q, v)
     end if
     call condense_geometry(self, ev)
-    call ev%schur%weak_rows(redundant, weak)
+    call ev%schur%weak_rows(weak)
     report%rank = count(.not. weak)
     weak(self%s%permanent_rows + 1:) = .false.       ! rows that switch are still off
     report%freedoms = self%s%nq - report%rank
@@ -82,7 +81,7 @@ contains
     motion = q + 2.0e-3_wp*self%s%size/speed*motion
     call evaluate_start(self, ev, motion, v)
     call condense_geometry(self, ev)
-    call ev%schur%weak_rows(redundant, weak)
+    call ev%schur%weak_rows(weak)
     yes = any(weak)
   end function stays_redundant
 

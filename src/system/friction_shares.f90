@@ -50,7 +50,7 @@ contains
     type(evaluation), intent(inout) :: ev
     logical :: weak(m%s%rows)
     call condense_geometry(m, ev)
-    call ev%schur%weak_rows(redundant, weak)
+    call ev%schur%weak_rows(weak, redundant)
     n = count(weak .and. .not. ev%schur%off)
   end function dependent_rows
 end module friction_shares

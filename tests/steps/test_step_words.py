@@ -38,7 +38,7 @@ def test_nothing_limits_the_step_of_a_body_without_vibrations(tmp_path):
     deck = tmp_path / 'free.nml'
     deck.write_text("&body name='r' kind='rigid' mass=1.0 inertia=1.0 /\n&transient t_end=1.0 method='rk4' step=0.1 /\n")
     done = subprocess.run([BIELA, '--check', deck.name], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert 'this deck: rk4 with step=0.1 s: nothing limits it' in done.stdout
+    assert 'this deck: rk4: nothing limits its steps but accuracy' in done.stdout
 
 
 @pytest.mark.parametrize(('transient', 'words'), [

@@ -21,6 +21,7 @@ module equilibrium
   use posix, only: caught_signal
   use scene_run, only: run_state, relax
   use singular, only: at_rest
+  use projection, only: closed
   implicit none (type, external)
   private
   public :: find_equilibrium, find_contacts, equilibrium_report, equations, largest_motion, move
@@ -32,7 +33,6 @@ module equilibrium
   real(wp), parameter :: slowest = 1.0e-3_wp         !! least 1/tau of its steps, over the first [-]
   real(wp), parameter :: contact_growth = 50.0_wp    !! most growth of the residual in its steps: a contact may begin [-]
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
-  real(wp), parameter :: closed = 1.0e-12_wp         !! |Phi| of a closed mechanism, relative to the size [-]
   real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]
 
   !> Result of Newton's method.

@@ -7,6 +7,7 @@ module deck_histories
   use text, only: to_text, quoted
   use deck_input, only: deck_source
   use deck_get, only: same_length
+  use deck_numbers, only: decades
   use deck_paths, only: beside
   use deck_records, only: history_record
   use deck_tables, only: read_columns
@@ -17,7 +18,6 @@ module deck_histories
 
   integer, parameter :: most_parts = 10000   !! histories that one may be made of, those of its parts included
   integer, parameter :: most_breakpoints = 1000000   !! of a periodic history over a run
-  real(wp), parameter :: largest = 1.0e60_wp     !! of the times and values of a table [s], [unit of what it drives]
   integer, parameter :: finest_part = 256        !! shortest part of a periodic history, in roundings of its beginning
 
 contains
@@ -84,8 +84,8 @@ contains
       integer :: k
       h%time = h%time_scale*h%time + h%time_shift
       h%values = h%value_scale*h%values
-      if (any(abs(h%time) > largest) .or. any(abs(h%values) > largest)) call deck%complain(name, 'scaled times or values are '// &
-        'beyond '//to_text(largest)//', expected time_scale, time_shift and value_scale that keep them below')
+      if (any(abs([h%time, h%values]) > 10.0_wp**decades)) call deck%complain(name, 'scaled times or values are '// &
+        'beyond '//to_text(10.0_wp**decades)//', expected time_scale, time_shift and value_scale that keep them below')
       if (size(h%time) < 2) call deck%complain(name, what//' has 1 value, expected at least 2')
       do k = 2, size(h%time)
         if (h%time(k) > h%time(k - 1)) cycle

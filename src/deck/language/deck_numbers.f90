@@ -9,7 +9,7 @@ module deck_numbers
 
   character(*), parameter :: out_of_range = 'is out of range, expected 0 or a magnitude from 1e-60 to 1e60'
   character(*), parameter :: out_of_integers = 'is out of range, expected a whole number up to 2147483647'
-  integer, parameter :: decades = 60     !! magnitudes from 1e-60 to 1e60: products of a few stay finite
+  integer, parameter, public :: decades = 60     !! magnitudes from 1e-60 to 1e60: products of five stay finite, as of reciprocals
 
 contains
 

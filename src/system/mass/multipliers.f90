@@ -12,6 +12,7 @@ module multipliers
   private
   public :: multiplier_system
 
+  real(wp), parameter :: redundant = 1.0e-8_wp    !! relative pivot of G below which a row depends on others [-]
   real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! relative pivot from which rows count as independent [-]
   real(wp), parameter :: least_pivot = 2.0e-15_wp !! relative pivot that is still above rounding [-]
   real(wp), parameter :: regular_pivot = 1.0e-12_wp   !! relative pivot down to which S may be taken as regular [-]
@@ -281,13 +282,15 @@ contains
     end associate
   end subroutine correct
 
-  !> Rows that depend on earlier ones, by elimination of G, which is overwritten: a pivot below tol of its diagonal; and
-  !> those that are off.
-  subroutine weak_rows(self, tol, dependent)
+  !> Rows that depend on earlier ones, by elimination of G, which is overwritten; and those that are off.
+  subroutine weak_rows(self, dependent, tol)
     class(multiplier_system), intent(inout) :: self
-    real(wp), intent(in) :: tol               !! [-]
     logical, intent(out) :: dependent(:)      !! (n) in the constraints' own order
-    call mark_dependent(self, tol)
+    real(wp), intent(in), optional :: tol     !! pivot over its diagonal, in place of `redundant` [-]
+    real(wp) :: least                         ! [-]
+    least = redundant
+    if (present(tol)) least = tol
+    call mark_dependent(self, least)
     dependent = self%dependent(self%all%position)
     if (allocated(self%off)) dependent = dependent .or. self%off
   end subroutine weak_rows
