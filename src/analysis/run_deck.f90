@@ -47,7 +47,7 @@ module run_deck
     logical :: flat = .false.                 !! print the deck as one text without expressions
     character(:), allocatable :: settings(:)  !! NAME=VALUE of parameters
     character(:), allocatable :: output       !! folder, empty: results/<deck name>
-    character(:), allocatable :: orbit        !! folder of a cycle to start from, empty: none
+    character(:), allocatable :: orbit        !! folder of a cycle to start from; empty: none
   end type run_options
 
 contains

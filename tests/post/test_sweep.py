@@ -268,6 +268,38 @@ def test_a_vibration_is_followed_by_its_shape(study, capsys):
         assert told in capsys.readouterr().err
 
 
+DUFFING = """&parameter name='w' value=1.0 /
+&scene /
+&body name='mass' mass=1 inertia=1 position=0,0 /
+&joint name='rail' type='prismatic' body_a='mass' direction=0 /
+&history name='law' kind='polynomial' coefficients=0,1,0,1 /
+&spring name='k' type='linear' body_a='mass' body_b='ground' point_b=-20,0 characteristic='law' damping=0.1 free_length=20 /
+&history name='h' kind='sine' amplitude=0.3 frequency={w/(2*pi)} phase={pi/2} /
+&force name='f' type='force' body='mass' fx=1 history='h' /
+&sensor name='x' quantity='position' body='mass' /
+&periodic period={2*pi/w} multipliers=2 /
+&transient method='rk4' step={2*pi/w/200} /
+"""
+
+
+def test_cycles_follow_a_branch(study, tmp_path, run_deck):
+    """Duffing's oscillator at rising frequency stays on the high branch, where a start at rest finds the low one."""
+    (tmp_path / "duffing.nml").write_text(DUFFING, encoding="utf-8")
+    words = "deck = 'duffing.nml'\nfollow = true\n[[parameter]]\nname = 'w'\nfrom = 1.0\nto = 1.6\npoints = 7\n"
+    words += "[[result]]\nname = 'peak'\nmeasure = 'max'\ncolumn = 'x.x'\n"
+    words += "[[result]]\nname = 'largest'\nmeasure = 'summary'\nkey = 'periodic.largest_multiplier'\n"
+    status, rows = study(words)
+    assert status == 0
+    assert all(float(row["largest"]) < 1 for row in rows)
+    rest = run_deck(DUFFING, "--set", "w=1.6").history["x.x"].max()
+    found = [(float(row["w"]), float(row["peak[m]"])) for row in rows]
+    for w, peak in [*found, (1.6, rest)]:  # harmonic balance
+        squares = np.roots([0.75**2, -1.5 * (w**2 - 1), (w**2 - 1) ** 2 + (0.1 * w) ** 2, -0.09])
+        size = np.sqrt(squares[np.abs(squares.imag) < 1e-9].real)
+        assert np.abs(size / peak - 1).min() < 0.06
+    assert found[-1][1] > 5 * rest
+
+
 def test_solvers_end_with_a_sweep_that_is_killed(study, biela, tmp_path):
     study(STUDY, "--no-pictures")
     deck = tmp_path / "arm.nml"
