@@ -18,7 +18,7 @@ module cycle_search
   real(wp), parameter :: enough = 0.1_wp             !! the same, of the tolerance [-]
   real(wp), parameter :: most_of_period = 0.2_wp     !! by which a step may change it [-]
   integer, parameter :: most_slow = 4                !! Newton steps without half the change
-  integer, parameter :: most_halves = 3              !! of a Newton step
+  integer, parameter :: most_halves = 2              !! of a Newton step
   integer, parameter :: plain = 10                   !! turns then
 
   !> A cycle that is sought, or found.
