@@ -11,7 +11,7 @@ from .derivatives import rows_of
 from .design_space import Space
 from .optimum import Optimum
 from .picture_files import save
-from .plot import COLOURS, LOOK, axis_label, pretty_unit, stacked
+from .plot import COLOURS, LOOK, axis_label, mark_beyond, pretty_unit, stacked
 from .sweep_study import Study
 
 CURVES = 6  # parameters, limits of one panel
@@ -52,6 +52,8 @@ def history(found: Optimum) -> plt.Figure:
         low, high = np.quantile(shown, (0.0, 0.9) if goal.sign > 0 else (0.1, 1.0))
         room = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
         top.set_ylim(low - room, high + room)
+        for runs, colour in ((~fine & ~failed, COLOURS[1]), (fine, COLOURS[0])):
+            mark_beyond(top, number[runs], objective[runs], colour)
         if failed.any():
             top.plot(number[failed], np.full(failed.sum(), low - 0.7 * room), "x", color="black", ms=5, label="failed")
         top.set_ylabel(axis_label(names[goal.column], units[goal.column]))
@@ -66,6 +68,8 @@ def history(found: Optimum) -> plt.Figure:
                           label=f"{names[column]} {sign} {limit.bound:.4g}")  # fmt: skip
             axis.axhline(1.0, color="black", lw=0.8, ls="--")
             axis.set(ylabel="value / limit", ylim=(0.0, 2.5))
+            for k, (column, limit) in enumerate(list(limits.items())[:CURVES]):
+                mark_beyond(axis, number, values[:, column] / limit.bound, COLOURS[k % len(COLOURS)])
         if found.space.free:
             axis = rest.pop(0)
             for k, one in enumerate(found.space.free[:CURVES]):

@@ -154,6 +154,14 @@ def draw(
     return figure
 
 
+def mark_beyond(axis: plt.Axes, along: np.ndarray, values: np.ndarray, colour: str) -> None:
+    """Mark points above or below an axis, whose ends are set, by triangles at its edge."""
+    along, values, (low, high) = np.array(along), np.array(values), axis.get_ylim()
+    for beyond, edge, mark in ((values > high, high, "^"), (values < low, low, "v")):
+        if beyond.any():
+            axis.plot(along[beyond], np.full(beyond.sum(), edge), mark, color=colour, ms=4, clip_on=False, zorder=5)
+
+
 def stacked(figure: plt.Figure, count: int, columns: int, heights: tuple[int, ...] = (1,)) -> list[plt.Axes]:
     """Return axes one above another in columns that they fill: in a column that has one less they are higher.
 

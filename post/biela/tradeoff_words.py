@@ -6,14 +6,15 @@ import math
 import textwrap
 
 import matplotlib.pyplot as plt
+import numpy as np
 
-from .plot import COLOURS, LOOK, STYLES
+from .plot import COLOURS, LOOK, STYLES, mark_beyond
 from .tradeoff_settings import FAMILIES
 from .tradeoff_work import FULL, Point, Tradeoff
 
 WIDTH = 120
 MARKS = dict(zip(FAMILIES, "os^vDP"))
-TALLEST = 2.0  # larger errors are not drawn
+TALLEST = 2.0  # larger errors are drawn at the edge
 
 
 def model_words(model: str) -> str:
@@ -144,6 +145,9 @@ def picture(found: Tradeoff) -> plt.Figure:
             lines.append(plt.Line2D([], [], color="0.3", ls=style, label=words))
         heights = [y for line in axes.lines for y in line.get_ydata() if floor <= y < TALLEST]
         axes.set_ylim(0.5 * min(heights, default=floor), 2.0 * max(heights, default=1.0))
+        for k, family in enumerate(FAMILIES):
+            far = [(p.seconds, p.error) for p in found.points if p.setting.family == family and p.error >= TALLEST]
+            mark_beyond(axes, *np.array(far).reshape(-1, 2).T, COLOURS[k])
         axes.set(xlabel="seconds of the processor, analyses alone", ylabel="largest error / range, worst column")
         axes.set_title(f"{found.options.deck.name}: {', '.join(found.measured.columns)}"[:90], fontsize=10)
         figure.legend(handles=lines, loc="outside lower center", ncols=2, fontsize=8)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from biela import sweep_picture, sweep_study
+from biela import plot, sweep_picture, sweep_study
 from biela.sweep_scalars import Scalar
 
 
@@ -64,4 +64,13 @@ def test_unstable_cycles_are_shaded_and_orders_share_a_panel(tmp_path, monkeypat
     for axis in (upper, lower):
         (patch,) = axis.patches
         assert (patch.get_x(), patch.get_x() + patch.get_width()) == (0.5, 1.5)
+    sweep_picture.plt.close("all")
+
+
+def test_values_beyond_an_axis_are_marked_at_its_edge():
+    _, axis = sweep_picture.plt.subplots()
+    axis.set_ylim(0.0, 1.0)
+    plot.mark_beyond(axis, [1.0, 2.0, 3.0, 4.0], [0.5, 7.0, -2.0, np.nan], "black")
+    assert [(line.get_marker(), line.get_xydata().tolist()) for line in axis.lines] == [("^", [[2.0, 1.0]]), ("v", [[3.0, 0.0]])]
+    assert axis.get_ylim() == (0.0, 1.0)
     sweep_picture.plt.close("all")
