@@ -87,7 +87,7 @@ contains
                 end do
               else
                 do e = body%segments(r)%first, body%segments(r)%last
-                  do c = 4 - body%nd, 3
+                  do c = 4 - body%basis%rows, 3
                     write (*, '(2a, 3(1x, i0))') 'z element ', trim(body%name), e, c, k
                   end do
                 end do

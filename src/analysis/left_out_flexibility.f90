@@ -11,7 +11,7 @@ module left_out_flexibility
   use linear_state, only: evaluate_state
   use mechanism, only: mechanism_model
   use modal_basis, only: modal_model
-  use modal_reduction, only: nodal_shapes, static_loads
+  use modal_reduction, only: static_loads
   use scene_model, only: scene
   use scene_run, only: run_state
   use sensor, only: harmonic_motion
@@ -81,7 +81,7 @@ contains
     real(wp), allocatable :: x(:, :)             ! modes of the reduced body by nodal coordinates [m, rad, over kg^.5 m]
     real(wp), allocatable :: whole(:, :), left(:, :)   ! (columns, loads) responses of the columns [of the column]
     real(wp) :: largest(size(share))             ! [of the column]
-    integer :: c, n
+    integer :: c
     logical :: bad
     share = 0.0_wp
     f = static_loads(b, loaded)
@@ -89,7 +89,7 @@ contains
     if (bad) return
     select type (basis => run%sys%m%s%bodies(k)%basis)
     type is (modal_model)
-      x = basis%psi(pack([(n, n=1, 3*b%nn)], reshape(b%dof, [3*b%nn]) > 0), :)    ! coordinates are numbered node by node
+      x = basis%psi(1:, :)
       whole = responses(run, k, b, y)
       left = responses(run, k, b, y - matmul(x, matmul(transpose(x), f)/spread(basis%omega2, 2, size(f, 2))))
     end select
@@ -122,7 +122,7 @@ contains
     do j = 1, size(y, 2)
       select type (basis => m%s%bodies(k)%basis)
       type is (modal_model)
-        basis%psi(:, 1:1) = nodal_shapes(b, y(:, j:j))
+        basis%psi(1:, 1) = y(:, j)
       end select
       call read_linear_sensors(run%list, m, run%sys%ev, run%y, motion, amplitudes)
       columns(:, j) = merge(0.0_wp, real(amplitudes, wp), index(run%list%column%unit, 'kg^.5') > 0)

@@ -1,7 +1,8 @@
 !> Deck records of bodies, materials, sections and lumps into bodies of the model.
 module build_bodies
-  use kinds, only: wp, pi
+  use kinds, only: wp
   use build_law, only: law_of
+  use build_layers, only: add_layers, elastic_modulus
   use viscoelastic_law, only: viscoelastic_terms
   use errors, only: fault_list
   use deck_geometry, only: removed_coordinates
@@ -40,6 +41,7 @@ contains
       else
         call lay_out_nodes(r, b)
         call set_elements(d, r, b)
+        call add_layers(d, r, b, faults)
         do e = 1, b%ne
           call add_rigid_element(b, e)
         end do
@@ -94,7 +96,7 @@ contains
         end do
         removed = removed_coordinates(r)
         b%extra_references = max(count(removed) - 3, 0)
-        call number_coordinates(b, removed)
+        call number_coordinates(b, with_cores(b, removed, r%slip_held))
         if (b%nf == 0) then
           call r%at%blame(faults, 'no elastic coordinate remains; expected more elements, or flexible=.false.')
           return
@@ -139,6 +141,27 @@ contains
     end subroutine reduce
   end subroutine build_body
 
+  !> Coordinates that are not there, those of cores included: no element beside the node has the core.
+  pure function with_cores(b, removed, held) result(all_removed)
+    type(body_model), intent(in) :: b
+    logical, intent(in) :: removed(:, :)      !! (3, nn) u, v, rotation
+    integer, intent(in) :: held(:)            !! nodes at which layers do not slip
+    logical, allocatable :: all_removed(:, :) !! (3 and cores, nn)
+    integer :: e, j, slots
+    slots = 0
+    if (allocated(b%layers)) slots = maxval([0, b%layers%slot])
+    allocate (all_removed(3 + slots, b%nn), source=.true.)
+    all_removed(:3, :) = removed
+    do e = 1, merge(b%ne, 0, slots > 0)
+      associate (kind => b%layers%kinds(b%layers%kind(e)))
+        do j = 1, (kind%coordinates - 6)/3
+          all_removed(3 + b%layers%slot(j, kind%section), b%en(:, e)) = .false.
+        end do
+      end associate
+    end do
+    all_removed(4:, held) = .true.
+  end function with_cores
+
   !> Nodes and connectivity.
   subroutine lay_out_nodes(r, b)
     type(body_record), intent(in) :: r
@@ -166,7 +189,6 @@ contains
     type(deck), intent(in) :: d
     type(body_record), intent(in) :: r
     type(body_model), intent(inout) :: b
-    type(viscoelastic_terms) :: law
     real(wp) :: dx(2), young
     integer :: e
     allocate (b%elements(b%ne))
@@ -177,11 +199,7 @@ contains
         g%c = dx(1)/g%length
         g%s = dx(2)/g%length
         g%mass = m%density*s%area*g%length
-        young = m%young
-        if (.not. r%viscoelastic) then
-          law = law_of(m%law)
-          young = young*(1 + real(law%ratio(cmplx(0.0_wp, 2*pi*r%modulus_at, wp)), wp))
-        end if
+        young = elastic_modulus(m, r)
         g%ea_l = young*s%area/g%length
         g%ei_l = young*s%inertia/g%length
         g%ray_m = m%rayleigh_mass

@@ -133,15 +133,17 @@ contains
     do r = 1, size(b%segments)
       ghm = max(ghm, b%segments(r)%law%second)
       maxwell = max(maxwell, b%segments(r)%law%first)
-      elements = elements + b%segments(r)%last - b%segments(r)%first + 1
+      elements = elements + b%segments(r)%last - b%segments(r)%first + 1   ! with layers their deformations
     end do
     kind = merge('GHM           ', 'Maxwell       ', maxwell == 0)
     if (ghm > 0 .and. maxwell > 0) kind = 'GHM or Maxwell'
     if (b%nz > 0 .and. b%basis%reduced_from > 0) then
       text = to_text(b%nz)//' dissipative coordinates (one a mode, viscoelastic material and '//trim(kind)//' term)'
     else if (b%nz > 0) then
-      text = to_text(b%nz)//' dissipative coordinates ('//to_text(elements)//' viscoelastic elements, '//to_text(b%nd)// &
-             ' deformations each, '//to_text(ghm + maxwell)//' '//trim(kind)//either(' term)', ' terms)', ghm + maxwell == 1)
+      text = ' viscoelastic elements, '//to_text(b%nd)//' deformations each, '
+      if (allocated(b%layers)) text = ' deformations of viscoelastic layers, '
+      text = to_text(b%nz)//' dissipative coordinates ('//to_text(elements)//text//to_text(ghm + maxwell)//' '//trim(kind)// &
+             either(' term)', ' terms)', ghm + maxwell == 1)
     else if (d%bodies(k)%viscoelastic) then
       text = 'no dissipative coordinates (no viscoelastic terms in its materials)'
     else

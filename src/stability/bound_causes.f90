@@ -20,19 +20,20 @@ module bound_causes
     integer :: material = 0                  !! material of that segment, 0: none, or a spring's terms
   end type bound_cause
 
+  character(18), parameter :: strains(3) = [character(18) :: 'an axial mode', 'a bending mode', 'slip of the layers']
+
 contains
 
-  !> Which body carries a mode, and whether its strain is axial or in bending.
+  !> Which body carries a mode, and whether its strain is axial, in bending or of layers that slip.
   subroutine mode_cause(m, f, cause)
     type(mechanism_model), intent(in) :: m
     type(fast_mode), intent(in) :: f
     type(bound_cause), intent(out) :: cause
-    real(wp) :: best, strained, parts(2)      ! [1/s2]
-    logical :: axial
-    integer :: b, i
+    real(wp) :: best, strained, parts(3)      ! [1/s2]
+    integer :: b, i, largest
     best = 0.0_wp
     strained = 0.0_wp
-    axial = .false.
+    largest = 1
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b) + 3
       associate (body => m%s%bodies(b))
@@ -42,7 +43,7 @@ contains
         if (sum(parts) <= best) cycle
         best = sum(parts)
         cause%body = b
-        axial = parts(1) > parts(2)
+        largest = maxloc(parts, 1, back=.true.)
       end associate
     end do
     if (cause%body == 0 .or. strained < 0.5_wp*abs(f%stiffness)) then
@@ -50,8 +51,7 @@ contains
       if (best > takes_part*abs(f%stiffness)) cause%what = 'a mode of springs with body "'//trim(m%s%bodies(cause%body)%name)//'"'
       cause%body = 0
     else
-      cause%what = either('an axial mode', 'a bending mode', axial)
-      cause%what = cause%what//' of body "'//trim(m%s%bodies(cause%body)%name)//'"'
+      cause%what = trim(strains(largest))//' of body "'//trim(m%s%bodies(cause%body)%name)//'"'
     end if
   end subroutine mode_cause
 

@@ -231,7 +231,7 @@ contains
 
   !> Part by which shear and rotary inertia would lower the highest frequency in bending that is kept, or of a mesh the lowest,
   !> which is surely in use: Timoshenko's first correction k2 r2 (1 + E/(kappa G))/2 of a wave of that frequency,
-  !> k2 r2 = omega r/sqrt(E/rho), averaged over the length; 1 - 1/sqrt(1 + 2 x) where it is not small.
+  !> k2 r2 = omega r/sqrt(E/rho), averaged over the length, without sections that shear; 1 - 1/sqrt(1 + 2 x) where it is not small.
   function shear_correction(b) result(share)
     type(body_model), intent(in) :: b
     real(wp) :: share                                !! of the frequency [-]
@@ -241,7 +241,7 @@ contains
       return
     end if
     associate (g => b%elements)
-      share = 0.5_wp*(1 + shear_ratio)*share*sum(sqrt(g%ei_l*g%mass)/g%ea_l)/sum(g%length)
+      share = 0.5_wp*(1 + shear_ratio)*share*sum(sqrt(g%ei_l*g%mass)/g%ea_l, .not. g%softening > 0.0_wp)/sum(g%length)
     end associate
     share = 1 - 1/sqrt(1 + 2*share)
   end function shear_correction

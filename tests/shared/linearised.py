@@ -12,6 +12,10 @@ MATERIALS = """
 &material name='e' density=2000.0 young=5.0e9 /
 &section name='s' shape='rectangle' width=0.02 height=0.01 /
 """
+LAYERS = """&material name='t' density=1000.0 shear_modulus=4.0e6 ghm_alpha=1.5 ghm_zeta=1.0 ghm_omega=1500.0 /
+&section name='clad' layers='e','t','m' thickness=0.01,0.002,0.004 width=0.02 /
+&section name='even' layers='e','t','m','t','e' thickness=0.003,0.002,0.01,0.002,0.003 width=0.02 base=3 cores=2,4 /
+"""
 BEAM = "&body name='b' kind='beam' length=0.6 elements=2 material='m' section='s' position=0.1,0.2 angle=0.7 {} /\n"
 FRAME = """&body name='f' kind='frame' node_x=0.0,0.3,0.35,0.1 node_y=0.0,0.0,0.25,0.3 element_nodes=1,2,2,3,3,4,4,1
   material='e' section='s' element_material='m','e','m','e' reference='clamped' position=-0.2,0.1 angle=-0.4 /
@@ -42,10 +46,7 @@ DECKS = {
     "beam_loads": MATERIALS + BEAM.format("") + FRAME + SPRINGS + LOADS,
     "stiffening": MATERIALS + BEAM.format("stiffening=.true. reference='clamped'"),
     "no_axial": MATERIALS + BEAM.format("axial=.false."),
-    "modal": MATERIALS
-    + BEAM.format("modes=3")
-    + FRAME.replace("reference='clamped'", "reference='free' modes=4")
-    + SPRINGS,
+    "modal": MATERIALS + BEAM.format("modes=3") + FRAME.replace("reference='clamped'", "reference='free' modes=4") + SPRINGS,
     "stops": MATERIALS + BEAM.format("") + FRAME.replace("reference='clamped'", "reference='free' modes=4") + RIGID + STOPS,
     "joints": MATERIALS
     + BEAM.format("")
@@ -56,6 +57,11 @@ DECKS = {
 &joint name='j3' type='revolute' body_a='b' node_a=1 point_b=0.1,0.2 /
 &joint name='j4' type='gear' body_a='r' body_b='b' node_b=3 body_c='f' node_c=2 ratio=-3.5 /
 """,
+    "layers": MATERIALS
+    + LAYERS
+    + BEAM.format("stiffening=.true. reference='clamped'").replace("material='m' section='s'", "section='clad'")
+    + FRAME.replace("  material='e' section='s' element_material='m','e','m','e'", "  section='even'"),
+    "shear": MATERIALS.replace("height=0.01", "height=0.08 shear=.true.") + BEAM.format("stiffening=.true.") + FRAME,
     "welds": MATERIALS
     + BEAM.format("")
     + FRAME

@@ -12,6 +12,7 @@ node; z and zd (nz,) the dissipative coordinates in the order of `Scene.layout`.
 from dataclasses import dataclass, field
 
 import numpy as np
+from oracle_layers import LayeredBody, is_layered
 from oracle_parts import Body, Integral, as_list, by_name, ghm_terms, make_history, read_deck, section_properties
 
 TINY = 1e-30  # complex step
@@ -113,7 +114,8 @@ class Scene:
         self.groups = read_deck(path) if not isinstance(path, dict) else path
         self.bodies, self.offset, self.nq = [], {}, 0
         for name, record in by_name(self.groups, "body").items():
-            body = Body(name, record, self.groups, (mode_signs or {}).get(name, 1.0))
+            kind = LayeredBody if is_layered(record, self.groups) else Body
+            body = kind(name, record, self.groups, (mode_signs or {}).get(name, 1.0))
             self.bodies.append(body)
             self.offset[name] = self.nq
             self.nq += 3 + body.nf
@@ -346,7 +348,16 @@ class Scene:
         for body in self.bodies:
             points, spins = self.velocities(body, q, v)
             total = total + 0.5 * dot(points, points) @ body.weight + 0.5 * (spins * spins) @ body.rotors
+            total = total - 0.5 * self.parts(body, v)[1] ** 2 * self.shifted(body, self.parts(body, q)[2])
         return total
+
+    @staticmethod
+    def shifted(body, qf):
+        """Return the second moment (...,) of the displacements that the spin does not see [kg m^2]."""
+        if body.shift is None:
+            return 0.0
+        moved = qf @ body.shift.T
+        return (moved * moved) @ body.weight[: len(body.shift)]
 
     def momentum(self, q, v):
         """Return dT/dv (..., nq): the field's momentum through dr/dq."""
@@ -357,6 +368,7 @@ class Scene:
             flow = body.weight[:, None] * points
             back = turned(-theta[..., None], flow)
             turning = dot(back, self.local(body, qf) @ PERP.T).sum(axis=-1) + spins @ body.rotors
+            turning = turning - self.parts(body, v)[1] * self.shifted(body, qf)
             elastic = np.einsum("pif,...pi->...f", body.shape, back) + (spins * body.rotors) @ body.spin
             pieces += [flow.sum(axis=-2), turning[..., None], elastic]
         return np.concatenate(pieces, axis=-1)

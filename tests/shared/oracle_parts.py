@@ -215,12 +215,12 @@ class Body:
     """
 
     def __init__(self, name, record, groups, mode_signs=1.0):
-        self.name, self.record = name, record
+        self.name, self.record, self.groups = name, record, groups
         self.kind = record["kind"]
         self.weight, self.rest, self.shape = [], [], []
         self.rotors, self.spin = [], []
         self.ghm = []  # (unit, alpha, zeta, omega): an element, or in a modal basis a material, and a term
-        self.modal, self.axial = False, True
+        self.modal, self.axial, self.shift = False, True, None  # shift: part of `shape` that the spin does not see
         if self.kind == "rigid":
             self.nf, self.nodes, self.elements, self.basis = 0, np.zeros((0, 2)), [], np.eye(0)
             self.add_mass(

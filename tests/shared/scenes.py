@@ -12,6 +12,21 @@ MATERIALS = """&scene title='twin' gravity=0.7,-9.81 /
 &section name='pipe' shape='tube' outer=0.03 inner=0.024 /
 &section name='plain' area=1.5e-4 inertia=9.0e-9 /
 """
+LAYERS = """&material name='tape' density=1000.0 young=1.2e7 poisson=0.49 ghm_alpha=1.5,0.8 ghm_zeta=1.0,0.5 ghm_omega=1500.0,400.0
+  rayleigh_stiffness=1.0e-5 /
+&section name='thick' shape='rectangle' width=0.02 height=0.05 shear=.true. /
+&section name='thick_pipe' shape='tube' outer=0.05 inner=0.03 shear=.true. /
+&section name='thick_plain' area=1.5e-4 inertia=9.0e-8 shear=.true. shear_factor=0.7 /
+&section name='bonded' layers='elastic','one' thickness=0.004,0.006 width=0.02 /
+&section name='bonded_thick' layers='two','elastic','damped' thickness=0.004,0.016,0.01 width=0.02 base=2 shear=.true. /
+&section name='bare' layers='elastic' thickness=0.01 width=0.02 /
+&section name='clad' layers='elastic','tape','damped' thickness=0.01,0.002,0.004 width=0.02 /
+&section name='whole' layers='elastic','tape','two' thickness=0.01,0.003,0.004 width=0.02 core_stretch=.true. /
+&section name='sandwich' layers='one','tape','elastic','tape','damped' thickness=0.003,0.002,0.01,0.001,0.004 width=0.02
+  base=3 cores=2,4 /
+&section name='even' layers='one','tape','elastic','tape','one' thickness=0.003,0.002,0.01,0.002,0.003 width=0.02
+  base=3 cores=2,4 /
+"""
 TRANSIENT = "&transient t_end=1.0e-3 method='rk4' step=1.0e-5 /\n"
 
 
@@ -22,11 +37,17 @@ def beam(name="b", material="elastic", section="strip", elements=2, length=0.4, 
     )
 
 
+def layered(sections, elements=2, length=0.4, rest=""):
+    """Return a &body group of a straight beam of layers: one section, or one for each element."""
+    key = "element_section" if "," in sections else "section"
+    elements = sections.count(",") + 1 if "," in sections else elements
+    return f"&body name='b' kind='beam' length={length} elements={elements} {key}={sections} {rest} /\n"
+
+
 def frame(name="f", rest="reference='clamped' position=-0.1,0.3 angle=-0.4", materials="'one','elastic','three','damped'"):
     """Return a &body group of a closed frame of four elements, mixed materials and sections."""
-    return (
-        f"&body name='{name}' kind='frame' node_x=0.0,0.3,0.35,0.05 node_y=0.0,0.02,0.25,0.3 element_nodes=1,2,2,3,3,4,4,1\n"
-        f"  material={materials} section='strip','rod','pipe','plain' {rest} /\n"
+    return f"&body name='{name}' kind='frame' node_x=0.0,0.3,0.35,0.05 node_y=0.0,0.02,0.25,0.3 element_nodes=1,2,2,3,3,4,4,1\n" + (
+        f"  material={materials} section='strip','rod','pipe','plain' {rest} /\n" if materials else f" section='even' {rest} /\n"
     )
 
 
@@ -77,6 +98,17 @@ BODIES = {
     "beam_no_axial_clamped": beam(rest="axial=.false. reference='clamped'"),
     "beam_as_rigid": beam(material="one", rest="flexible=.false. position=0.3,0.1 angle=1.0") + LUMPS,
     "beam_own_reference": beam(rest="reference_node=2,2,1 reference_dof='u','v','v'", elements=3),
+    "beam_thick": beam(material="two", section="thick", rest="angle=0.6") + LUMPS,
+    "beam_thick_no_axial": beam(material="two", section="thick_pipe", elements=3, rest="axial=.false. angle=0.3"),
+    "beam_thick_stiff": beam(material="three", section="thick_plain", rest="stiffening=.true. reference='clamped'") + LUMPS,
+    "beam_bonded": layered("'bonded'", rest="position=0.1,0.2 angle=0.6") + LUMPS,
+    "beam_bonded_stiff": layered("'bonded'", rest="reference='clamped' stiffening=.true."),
+    "beam_bonded_thick": layered("'bonded_thick'", rest="reference='clamped' angle=1.0"),
+    "beam_clad": layered("'clad'", elements=3, rest="reference='clamped' slip_held=1") + LUMPS,
+    "beam_clad_stiff": layered("'bare','clad','whole','bare'", rest="stiffening=.true. angle=0.3") + LUMPS,
+    "beam_sandwich": layered("'clad'", rest="angle=2.0").replace("'clad'", "'sandwich'"),
+    "beam_clad_as_rigid": layered("'clad'", rest="flexible=.false. position=0.3,0.1 angle=1.0") + LUMPS,
+    "frame_sandwich": frame(rest="reference='clamped' position=-0.1,0.3", materials=None),
     "beam_overheld": beam(rest="reference_node=1,1,-1,-1 reference_dof='u','v','v','u'", material="one"),
     "frame_closed": frame() + "&lump body='f' node=3 mass=0.3 inertia=2.0e-3 /\n",
     "frame_pinned": frame(rest="position=0.4,0.0", materials="'two'"),
@@ -187,7 +219,14 @@ MODAL = {
     + TIP_PUSH.format("f", 3)
     + "&joint name='j' type='weld' body_a='f' node_a=3 body_b='r' point_b=0.1,0.0 /\n"
     + "&spring name='s' type='torsional' body_a='f' node_a=2 stiffness=5.0 damping=0.1 free_angle=0.2 /\n",
+    "modal_thick": beam(material="two", section="thick", elements=4, rest="modes=3 position=0.1,0.2") + TIP_PUSH.format("b", 2),
+    "modal_bonded": layered("'bonded_thick'", 4, rest="modes=4 reference='clamped'") + LUMPS + TIP_PUSH.format("b", -1),
     "modal_no_axial": beam(material="two", elements=4, rest="modes=2 axial=.false.") + TIP_PUSH.format("b", 2),
 }
 
-ALL = {name: MATERIALS + text + TRANSIENT for group in (BODIES, JOINTS, LOOPS, MODAL) for name, text in group.items()}
+LAYERED = [name for name in (*BODIES, *MODAL) if any(word in name for word in ("thick", "bonded", "clad", "sandwich"))]
+ALL = {
+    name: MATERIALS + (LAYERS if name in LAYERED else "") + text + TRANSIENT
+    for group in (BODIES, JOINTS, LOOPS, MODAL)
+    for name, text in group.items()
+}

@@ -75,7 +75,7 @@ contains
     type(scene), intent(in) :: s
     integer, intent(in) :: b
     type(error_norm), intent(inout) :: norm
-    integer :: i, k, r, o, j, rows
+    integer :: i, k, r, o, j, place
     i = s%qo(b)
     associate (body => s%bodies(b))
       call floors(number(b, angle), least)
@@ -89,12 +89,12 @@ contains
       do k = 1, body%nf
         call assign(s, norm, number(b, merge(rotation, deflection, body%basis%rotation(k))), 1, i + 3 + k, i + 3 + k)
       end do
-      rows = size(body%basis%angle)
       do r = 1, size(body%segments)
         do k = 1, size(body%segments(r)%law%alpha)
           do j = 1, body%segments(r)%width
             o = body%segments(r)%start(k) + j
-            call assign(s, norm, number(b, merge(bending, extension, body%basis%angle(1 + mod(j - 1, rows)))), 0, o, o)
+            place = 1 + mod((body%segments(r)%first - 1)*body%basis%rows + j - 1, size(body%basis%angle))
+            call assign(s, norm, number(b, merge(bending, extension, body%basis%angle(place))), 0, o, o)
           end do
         end do
       end do

@@ -1,10 +1,11 @@
 !> Reader of &body.
 module deck_bodies
+  use kinds, only: wp
   use text, only: lower, quoted, to_text
   use deck_input, only: deck_source
   use deck_get, only: counted
   use deck_geometry, only: check_frame, check_reference
-  use deck_records, only: body_record
+  use deck_records, only: body_record, section_record
   use deck_take, only: take
   implicit none (type, external)
   private
@@ -14,8 +15,9 @@ module deck_bodies
 contains
 
   !> &body. `known`: its kind and its number of nodes could be read.
-  subroutine read_body(deck, b, known)
+  subroutine read_body(deck, sections, b, known)
     class(deck_source), intent(inout) :: deck
+    type(section_record), intent(in) :: sections(:)
     type(body_record), intent(inout) :: b
     logical, intent(out) :: known
     call take(deck, b)
@@ -25,11 +27,14 @@ contains
     b%angular_velocity_stated = deck%is_set('angular_velocity')
     call check_frame_elements()
     if (deck%is_choice('beam') .and. deck%is_set('elements')) b%nodes = b%elements + 1
-    if (.not. deck%is_given('element_material')) call deck%need('material')
+    if (.not. deck%is_given('element_section')) call deck%need('section')
     call spread_over('material', b%material)
-    call spread_over('section', b%element_section)
+    call spread_over('section', b%section)
+    call spread_over('element_section', b%element_section)
+    if (.not. deck%is_set('element_section')) b%element_section = b%section
     call spread_over('element_material', b%element_material)
     if (.not. deck%is_set('element_material')) b%element_material = b%material
+    call check_layers()
     call check_switches()
     call check_free_reference()
     known = deck%is_choice('rigid') .or. (deck%is_choice(elastic) .and. b%nodes > 0)
@@ -51,13 +56,13 @@ contains
 
     !> Materials or sections of the elements: one for all; one for each element of a frame, or where the key says so.
     subroutine spread_over(name, numbers)
-      character(*), intent(in) :: name                   !! `material`, `section` or `element_material`
+      character(*), intent(in) :: name                   !! `material`, `section`, `element_material` or `element_section`
       integer, allocatable, intent(inout) :: numbers(:)  !! indices as given; of each element, 0: not known
       character(:), allocatable :: expected
       integer :: n
       logical :: each, good
       n = size(numbers)
-      each = name == 'element_material'
+      each = index(name, 'element_') == 1
       good = .true.
       if (deck%is_set(name) .and. b%elements > 0 .and. deck%is_choice(elastic)) then
         expected = 'one for each of the '//to_text(b%elements)//' elements'
@@ -69,6 +74,46 @@ contains
       if (n == 1 .and. good) numbers = spread(numbers(1), 1, b%elements)
       if (size(numbers) /= b%elements) numbers = spread(0, 1, b%elements)
     end subroutine spread_over
+
+    !> Sections of layers have their materials; elements of others need one. Layers go on from element to element.
+    subroutine check_layers()
+      logical :: layered(size(b%element_section))
+      integer :: e, first
+      if (.not. deck%is_choice(elastic)) return
+      if (deck%is_given('element_section') .and. any(b%element_section == 0)) return
+      layered = .false.
+      do e = 1, size(layered)
+        if (b%element_section(e) > 0) layered(e) = size(sections(b%element_section(e))%layers) > 0
+      end do
+      if (.not. any(layered)) then
+        if (.not. deck%is_given('element_material')) call deck%need('material')
+        if (deck%is_set('slip_held')) call deck%complain('slip_held', 'slip_held has no effect on sections without cores, '// &
+          'expected sections with layers and cores')
+        return
+      end if
+      if (any(b%element_section == 0)) return
+      if (.not. all(layered)) call deck%complain('element_section', 'sections with layers beside sections without, expected '// &
+        'layers in all sections of the body')
+      if (deck%is_given('material')) call deck%complain('material', 'material has no effect where sections have layers, '// &
+        'expected it not to be given')
+      if (deck%is_given('element_material')) call deck%complain('element_material', 'element_material has no effect where '// &
+        'sections have layers, expected it not to be given')
+      if (.not. deck%is_clean()) return
+      first = b%element_section(1)
+      do e = 1, size(layered)
+        associate (s => sections(b%element_section(e)), one => sections(first))
+          b%element_material(e) = s%layers(s%base)
+          if (s%layers(s%base) == one%layers(one%base) .and. abs(s%thickness(s%base) - one%thickness(one%base)) <= 0.0_wp .and. &
+              abs(s%width - one%width) <= 0.0_wp) cycle
+        end associate
+        call deck%complain('element_section', 'the base layer of element '//to_text(e)//' differs from that of element 1, so '// &
+          'that the node line would step, expected base layers of one material, thickness and width')
+        return
+      end do
+      if (any(b%slip_held == 0 .or. b%slip_held < -1 .or. b%slip_held > b%nodes)) call deck%complain('slip_held', 'slip_held '// &
+        'names no node, expected 1 to '//to_text(b%nodes)//', or -1 (the last)')
+      where (b%slip_held == -1) b%slip_held = b%nodes
+    end subroutine check_layers
 
     !> What of a beam or frame is modelled.
     subroutine check_switches()

@@ -3,6 +3,7 @@ module deck_properties
   use kinds, only: wp, pi
   use expression, only: is_name, is_reserved
   use text, only: to_text, joined, listed, quoted
+  use deck_get, only: counted
   use deck_input, only: deck_source
   use deck_parameters, only: parameter_value
   use deck_records, only: law_record, parameter_record, material_record, section_record
@@ -10,6 +11,8 @@ module deck_properties
   implicit none (type, external)
   private
   public :: read_parameter, read_material, read_section, check_law
+
+  integer, parameter :: most_cores = 4        !! of a section, as `layered_section` has room for
 
 contains
 
@@ -38,6 +41,9 @@ contains
     class(deck_source), intent(inout) :: deck
     type(material_record), intent(inout) :: m
     call take(deck, m)
+    if (.not. deck%is_given('shear_modulus')) call deck%need('young')
+    call deck%forbid_both('young', 'shear_modulus', ': one gives the other with poisson')
+    if (deck%is_set('shear_modulus')) m%young = 2*(1 + m%poisson)*m%shear_modulus
     call check_law(deck, m%law)
     if (deck%is_given('ghm_frequency_scale') .and. .not. (deck%is_given('ghm_omega') .or. &
       deck%is_given('prony_tau'))) call deck%complain('ghm_frequency_scale', 'ghm_frequency_scale has no effect on an elastic '// &
@@ -81,13 +87,19 @@ contains
     class(deck_source), intent(inout) :: deck
     type(section_record), intent(inout) :: s
     call take(deck, s)
-    if (deck%choice_known .and. s%shape == '') then
+    if (deck%is_given('layers')) then
+      call check_layers(deck, s)
+    else if (deck%choice_known .and. s%shape == '') then
       call deck%need('area')
       call deck%need('inertia')
     end if
+    call check_width()
     call deck%forbid_both('shape', 'area', ': the sizes of a shape give its area')
     call deck%forbid_both('shape', 'inertia', ': the sizes of a shape give its inertia')
     call deck%check_order('inner', s%inner, 'outer', s%outer)
+    if (s%shear .and. deck%choice_known .and. s%shape == '' .and. .not. deck%is_given('layers')) call deck%need('shear_factor')
+    if (deck%is_set('shear_factor') .and. .not. s%shear) call deck%complain('shear_factor', 'shear_factor has no effect on a '// &
+      'section that does not shear, expected shear=.true.')
     if (s%shape == 'rectangle') then
       s%area = s%width*s%height
       s%inertia = s%width*s%height**3/12.0_wp
@@ -97,5 +109,49 @@ contains
       s%inertia = pi/64.0_wp*(s%outer**4 - s%inner**4)
       s%fibre = s%outer/2.0_wp
     end if
+  contains
+    !> A width is that of a rectangle or of layers.
+    subroutine check_width()
+      if (deck%is_choice('rectangle')) then
+        call deck%need('width', 'width > 0 for shape=''rectangle''')
+      else if (deck%is_given('layers')) then
+        call deck%need('width', 'width > 0 with layers')
+      else if (deck%is_given('width') .and. deck%choice_known) then
+        if (s%shape == '') call deck%complain('width', 'width applies to shape=''rectangle'' and to layers only, expected '// &
+          'shape or layers to be given')
+        if (s%shape /= '') call deck%complain('width', 'width does not apply to shape='//quoted(trim(s%shape))// &
+          ', it applies to shape=''rectangle'' and to layers')
+      end if
+    end subroutine check_width
   end subroutine read_section
+
+  !> Layers of a section: thicknesses, base and cores.
+  subroutine check_layers(deck, s)
+    class(deck_source), intent(inout) :: deck
+    type(section_record), intent(inout) :: s
+    character(*), parameter :: of_shape(3) = ['shape  ', 'area   ', 'inertia']
+    integer :: n, k
+    do k = 1, size(of_shape)
+      call deck%forbid_both('layers', trim(of_shape(k)), ': layers have their own areas')
+    end do
+    call deck%need('thickness', 'a thickness of each layer')
+    if (.not. deck%is_set('layers')) return
+    n = size(s%layers)
+    if (deck%is_set('thickness') .and. size(s%thickness) /= n) call deck%complain('thickness', 'thickness has '// &
+      counted(size(s%thickness))//', expected one for each of the '//to_text(n)//' layers')
+    if (s%base > n) call deck%complain('base', 'base='//to_text(s%base)//' is no layer, expected 1 to '//to_text(n))
+    if (n == 3 .and. .not. deck%is_given('cores') .and. .not. s%shear) s%cores = [2]
+    if (n > 3 .and. .not. s%shear) call deck%need('cores', 'the numbers of the layers that shear, between the layers that bend')
+    if (size(s%cores) == 0) return
+    if (s%shear) call deck%complain('shear', 'shear=.true. with cores: layers that shear by themselves and a section that '// &
+      'shears as a whole exclude each other, expected one of both')
+    if (any(s%cores < 2 .or. s%cores >= n)) then
+      call deck%complain('cores', 'cores lie between two other layers, expected 2 to '//to_text(n - 1))
+    else if (any(s%cores(2:) - s%cores(:size(s%cores) - 1) < 2)) then
+      call deck%complain('cores', 'cores have to ascend, with a layer between two of them that does not shear, '// &
+        'expected such numbers')
+    else if (size(s%cores) > most_cores) then
+      call deck%complain('cores', 'cores has '//counted(size(s%cores))//', expected at most '//to_text(most_cores))
+    end if
+  end subroutine check_layers
 end module deck_properties

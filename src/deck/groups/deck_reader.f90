@@ -213,7 +213,7 @@ contains
       case (in_history)
         call read_history(source, d%histories(number))
       case (in_body)
-        call read_body(source, d%bodies(number), source%body_known(number))
+        call read_body(source, d%sections, d%bodies(number), source%body_known(number))
       case (in_lump)
         call read_lump(source, d, d%lumps(number))
       case (in_joint)

@@ -12,7 +12,7 @@ module deck_sensors
   public :: read_sensor
 
   character(*), parameter :: angles = 'angle angular_velocity angular_acceleration'
-  character(*), parameter :: elastic = 'deflection coordinate internal stress'
+  character(*), parameter :: elastic = 'deflection coordinate internal stress layer slip'
   character(12), parameter :: columns(4) = [character(12) :: 't', 'load', 'residual', 'newton_steps']   ! of no sensor
 
 contains
@@ -72,26 +72,65 @@ contains
                  .not. any(d%sections(pack(b%element_section, b%element_section > 0))%fibre > 0.0_wp)) then
           call deck%complain('body', 'no section of '//body_text(d, s%marker%body)//' has a shape, which a stress needs, '// &
             'expected a &section with a shape')
+        else if (deck%is_choice('layer slip') .and. any(b%element_section == 0)) then
+          return
+        else if (deck%is_choice('slip') .and. core_coordinates(d, b) == 0) then
+          call deck%complain('body', body_text(d, s%marker%body)//' has no cores, expected a body of layers with cores')
         else if (deck%is_set('element') .and. s%element > b%elements) then
           call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
             body_text(d, s%marker%body)//', expected 1 to '//to_text(b%elements))
-        else if (deck%is_set('index') .and. s%index > elastic_coordinates(b)) then
+        else if (deck%is_set('index') .and. s%index > elastic_coordinates(d, b)) then
           call deck%complain('index', 'index='//to_text(s%index)//' is out of range for '// &
-            body_text(d, s%marker%body)//', expected 1 to '//to_text(elastic_coordinates(b)))
+            body_text(d, s%marker%body)//', expected 1 to '//to_text(elastic_coordinates(d, b)))
+        else if (deck%is_set('layer') .and. deck%is_set('element')) then
+          associate (layers => size(d%sections(b%element_section(s%element))%layers))
+            if (layers == 0) call deck%complain('body', body_text(d, s%marker%body)//' has no layers, expected a body whose '// &
+              'sections have layers')
+            if (layers > 0 .and. s%layer > layers) call deck%complain('layer', 'layer='//to_text(s%layer)//' is out of range '// &
+              'for element '//to_text(s%element)//', expected 1 to '//to_text(layers))
+          end associate
         end if
+        if (deck%is_choice('slip') .and. .not. deck%is_given('node')) call deck%need('node')
       end associate
     end subroutine check_elastic
   end subroutine read_sensor
 
   !> Number of elastic coordinates of a flexible body: its modes, or three a node without those that its frame and
-  !> `axial=.false.` take away.
-  pure integer function elastic_coordinates(b) result(n)
+  !> `axial=.false.` take away, and those of cores.
+  pure integer function elastic_coordinates(d, b) result(n)
+    type(deck_record), intent(in) :: d
     type(body_record), intent(in) :: b
     logical :: kept(3, b%nodes)
     n = b%modes
     if (n > 0) return
     kept = .not. removed_coordinates(b)
     if (.not. b%axial) kept(1, :) = .false.
-    n = count(kept)
+    n = count(kept) + core_coordinates(d, b)
   end function elastic_coordinates
+
+  !> Number of the cores' coordinates: one of each element that has it, one at each node that the layers may slip at.
+  pure integer function core_coordinates(d, b) result(n)
+    type(deck_record), intent(in) :: d
+    type(body_record), intent(in) :: b
+    logical, allocatable :: there(:, :)      ! (nodes, layers above the base)
+    integer :: e, j, most
+    n = 0
+    if (any(b%element_section == 0)) return
+    most = 0
+    do e = 1, b%elements
+      most = max(most, size(d%sections(b%element_section(e))%layers))
+    end do
+    allocate (there(b%nodes, -most:most), source=.false.)
+    do e = 1, b%elements
+      associate (s => d%sections(b%element_section(e)))
+        n = n + size(s%cores)
+        do j = 1, size(s%cores)
+          if (b%kind == 'beam') there(e:e + 1, s%cores(j) - s%base) = .true.
+          if (b%kind /= 'beam') there(b%element_nodes(:, e), s%cores(j) - s%base) = .true.
+        end do
+      end associate
+    end do
+    there(b%slip_held, :) = .false.
+    n = n + count(there)
+  end function core_coordinates
 end module deck_sensors

@@ -6,7 +6,7 @@ module beam_element
   implicit none (type, external)
   private
   public :: beam_geometry, element_rotation, shape_integral, shape_moment, element_mass, element_gyroscopic
-  public :: element_stiffness, deformation_matrix, present_deformation_matrix, deformation_law, stiffening_tangent
+  public :: deformation_stiffness, deformation_matrix, present_deformation_matrix, deformation_law, geometric_stiffness
 
   !> End moments by end rotations from the chord, over E I/l [-].
   real(wp), parameter, public :: bending(2, 2) = reshape([4.0_wp, 2.0_wp, 2.0_wp, 4.0_wp], [2, 2])
@@ -24,6 +24,7 @@ module beam_element
     real(wp) :: area = 0.0_wp     !! A [m2]
     real(wp) :: second = 0.0_wp   !! I [m4]
     real(wp) :: fibre = 0.0_wp    !! distance of the outer fibre, 0: none [m]
+    real(wp) :: softening = 0.0_wp  !! by shear: v' = r - this (phi1 + phi2)/2 at the ends (`layered_element`) [-]
     integer :: material = 0       !! index of the material
   end type beam_geometry
 
@@ -120,23 +121,25 @@ contains
     psi = [g%s, -g%c, 0.0_wp, -g%s, g%c, 0.0_wp]/g%length
   end function chord_turn
 
+  !> Turns of the axis at both ends against the chord (2 x 6): those of the sections less the shear.
+  pure function end_slopes(g, b) result(slopes)
+    type(beam_geometry), intent(in) :: g
+    real(wp), intent(in) :: b(3, 6)            !! deformations from coordinates [-], [1/m]
+    real(wp) :: slopes(2, 6)                   !! [-], [1/m]
+    slopes = b(2:3, :) - spread(0.5_wp*g%softening*(b(2, :) + b(3, :)), 1, 2)
+  end function end_slopes
+
   !> B (3 x 6) of an element with geometric stiffening at its present coordinates (theory.md, section 4).
   pure function present_deformation_matrix(g, x) result(b)
     type(beam_geometry), intent(in) :: g
     real(wp), intent(in) :: x(6)               !! body axes [m, rad]
-    real(wp) :: b(3, 6), psi(6), p(3)
+    real(wp) :: b(3, 6), slopes(2, 6), psi(6), p(3)
     b = deformation_matrix(g)
+    slopes = end_slopes(g, b)
     psi = chord_turn(g)
-    p = [dot_product(psi, x), matmul(b(2:3, :), x)]
-    b(1, :) = b(1, :) + g%length*(p(1)*psi + ((4*p(2) - p(3))*b(2, :) + (4*p(3) - p(2))*b(3, :))/30)
+    p = [dot_product(psi, x), matmul(slopes, x)]
+    b(1, :) = b(1, :) + g%length*(p(1)*psi + ((4*p(2) - p(3))*slopes(1, :) + (4*p(3) - p(2))*slopes(2, :))/30)
   end function present_deformation_matrix
-
-  !> Linear stiffness at E_R (6 x 6), body axes [N/m, N, N m] (VRL 20-22).
-  pure function element_stiffness(g) result(k)
-    type(beam_geometry), intent(in) :: g
-    real(wp) :: k(6, 6)
-    k = deformation_stiffness(g, deformation_matrix(g))
-  end function element_stiffness
 
   !> D (3 x 3) at E_R: forces and moments from deformations (theory.md, section 4) [N/m], [N m].
   pure function deformation_law(g) result(d)
@@ -156,21 +159,17 @@ contains
     k = matmul(transpose(b), db)
   end function deformation_stiffness
 
-  !> Tangent of an element with geometric stiffening (theory.md, section 4): B^T D B with the deformations' gradient B at the
-  !> present coordinates, and the geometric stiffness of the whole axial stress n, damping terms' part included.
-  pure subroutine stiffening_tangent(g, x, n, material, geometric)
+  !> Geometric stiffness of the whole axial stress n, damping terms' part included: n times the second derivative of e.
+  pure function geometric_stiffness(g, n) result(k)
     type(beam_geometry), intent(in) :: g
-    real(wp), intent(in) :: x(6)               !! coordinates, body axes [m, rad]
     real(wp), intent(in) :: n                  !! conjugate to the axial deformation [N]
-    real(wp), intent(out) :: material(6, 6)    !! [N/m, N, N m]
-    real(wp), intent(out) :: geometric(6, 6)   !! [N/m, N, N m]
-    real(wp) :: b(3, 6), psi(6)
-    b = deformation_matrix(g)
+    real(wp) :: k(6, 6)                        !! [N/m, N, N m]
+    real(wp) :: b(2, 6), psi(6)
+    b = end_slopes(g, deformation_matrix(g))
     psi = chord_turn(g)
-    geometric = n*g%length*(outer(psi, psi) + (4*outer(b(2, :), b(2, :)) + 4*outer(b(3, :), b(3, :)) &
-                                               - outer(b(2, :), b(3, :)) - outer(b(3, :), b(2, :)))/30)
-    material = deformation_stiffness(g, present_deformation_matrix(g, x))
-  end subroutine stiffening_tangent
+    k = n*g%length*(outer(psi, psi) + (4*outer(b(1, :), b(1, :)) + 4*outer(b(2, :), b(2, :)) &
+                                       - outer(b(1, :), b(2, :)) - outer(b(2, :), b(1, :)))/30)
+  end function geometric_stiffness
 
   !> T^T m T: a 6 x 6 matrix from element into body axes.
   pure function congruent(g, m) result(b)

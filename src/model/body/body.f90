@@ -4,6 +4,8 @@ module body
   use kinds, only: wp
   use beam_element, only: beam_geometry
   use elastic_operators, only: elastic_operator
+  use layered_element, only: layered_element_model
+  use layered_section, only: layered_section_model
   use marker, only: marker_model
   use segment_model, only: viscoelastic_segment
   use triplets, only: triplet_matrix
@@ -37,8 +39,8 @@ module body
     real(wp) :: unit = 1.0_wp                 !! metres in a unit of what is no rotation: 1, of modes m^-1/2 [-]
     logical, allocatable :: rotation(:)       !! (nf) whether a coordinate is a node's rotation
     real(wp), allocatable :: reach(:)         !! (nf) largest displacement or rotation of a node by a unit of it [-, kg^-1/2]
-    logical, allocatable :: angle(:)          !! whether a row of the deformations is an angle
-    integer :: columns = 0                    !! of the deformations
+    integer :: rows = 0, columns = 0          !! of the deformations
+    logical, allocatable :: angle(:)          !! whether a deformation is an angle: of a column, for all alike, or of every one
     real(wp) :: carried = 0.0_wp              !! highest frequency that the coordinates carry [rad/s]
     real(wp) :: highest_bending = 0.0_wp      !! that of the highest mode in bending; 0 without a reduction [rad/s]
   contains
@@ -50,9 +52,21 @@ module body
     procedure(to_element), deferred :: element_strain
     procedure(to_tangent), deferred :: add_stiffness
     procedure(to_displacement), deferred :: displacement
+    procedure(to_coordinates), deferred :: element_coordinates
     procedure(to_marker), deferred :: attach
     procedure :: same => shares_nothing
   end type elastic_basis
+
+  !> What a body of layered sections, or of sections that shear, has beside its elements' geometry.
+  type, public :: body_layers
+    type(layered_section_model), allocatable :: sections(:)
+    type(layered_element_model), allocatable :: kinds(:)   !! elements of one section and one length
+    integer, allocatable :: kind(:)           !! (ne)
+    integer, allocatable :: slot(:, :)        !! (cores, sections) number of a core among those of all sections
+    integer, allocatable :: row(:, :)         !! (rows, ne) column of the deformations that a row of the element is, 0: none
+    integer, allocatable :: part(:, :)        !! (parts, ne) segments that the rows belong to, 0: elastic rows, -1: none
+    integer, allocatable :: row_part(:, :)    !! (rows, ne) the part of each row
+  end type body_layers
 
   !> One rigid or flexible body.
   type, public :: body_model
@@ -65,7 +79,7 @@ module body
     integer :: nn = 0                         !! nodes
     integer :: ne = 0                         !! elements
     integer :: nf = 0                         !! elastic coordinates
-    integer :: nd = 3                         !! deformations kept per element
+    integer :: nd = 3                         !! deformations kept per element, without layers
     integer :: nz = 0                         !! internal variables
     integer :: extra_references = 0           !! reference conditions beyond the three that are needed
     real(wp) :: mass = 0.0_wp                 !! m [kg]
@@ -75,8 +89,9 @@ module body
     real(wp), allocatable :: x(:, :)          !! (2, nn) nodes, body axes [m]
     integer, allocatable :: en(:, :)          !! (2, ne) nodes of each element
     type(beam_geometry), allocatable :: elements(:)
-    integer, allocatable :: dof(:, :)         !! (3, nn) number of each nodal coordinate, 0: removed
-    integer, allocatable :: edof(:, :)        !! (6, ne) the same by element
+    integer, allocatable :: dof(:, :)         !! (3, nn) number of each nodal coordinate, 0: removed; behind them angles of cores
+    integer, allocatable :: edof(:, :)        !! (6, ne) the same by element; with cores more (`layered_element`)
+    type(body_layers), allocatable :: layers
     type(lump), allocatable :: lumps(:)
     type(shape_integrals) :: shape            !! of the elastic coordinates, nodal or modal
     type(elastic_operator) :: op              !! their matrices
@@ -118,14 +133,15 @@ module body
       real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) entry 0 is thrown away [N, N m]
     end subroutine to_forces
 
-    !> Twice the strain energy at E_R, axial and in bending, of deformations or else of the linear strain; of modes all is bending.
+    !> Twice the strain energy at E_R, axial, in bending and of what slips between layers, of deformations or else of the linear
+    !> strain; of modes all is bending.
     pure function to_parts(self, b, q, d) result(parts)
       import :: elastic_basis, body_model, wp
       class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
       real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
       real(wp), intent(in), contiguous, optional :: d(:, :)   !! [m, rad]
-      real(wp) :: parts(2)                            !! [J]
+      real(wp) :: parts(3)                            !! [J]
     end function to_parts
 
     !> Largest elastic force: axial forces and end moments over length, or modal forces.
@@ -137,14 +153,14 @@ module body
       real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
     end function to_largest
 
-    !> Deformations of an element with the terms' differences: elongation, end rotations against the chord.
+    !> Rows of an element's deformations with the terms' differences (`element_law`).
     pure function to_element(self, b, e, w) result(d)
       import :: elastic_basis, elastic_work, body_model, wp
       class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
       integer, intent(in) :: e                        !! element
       type(elastic_work), intent(in) :: w
-      real(wp) :: d(3)                                !! [m, rad, rad]
+      real(wp), allocatable :: d(:)                   !! [m, rad]
     end function to_element
 
     !> Adds the tangent stiffness of the elastic coordinates, and what of it viscoelastic terms multiply, to sparse matrices.
@@ -168,6 +184,16 @@ module body
       real(wp), intent(in) :: q(:)                    !! (nf) elastic coordinates, their rates or accelerations [m, rad]
       real(wp) :: u(3)                                !! [m, m, rad] or their rates
     end function to_displacement
+
+    !> Coordinates of an element's ends, and of its cores, in body axes.
+    pure function to_coordinates(self, b, e, q) result(a)
+      import :: elastic_basis, body_model, wp
+      class(elastic_basis), intent(in) :: self
+      type(body_model), intent(in) :: b
+      integer, intent(in) :: e                        !! element
+      real(wp), intent(in) :: q(:)                    !! (nf) elastic coordinates, their rates or accelerations [m, rad]
+      real(wp) :: a(size(b%edof, 1))                  !! [m, rad]
+    end function to_coordinates
 
     !> Gives a marker on a node the coordinates or modes that move it.
     pure subroutine to_marker(self, b, p)
@@ -202,7 +228,7 @@ contains
   subroutine allocate_work(self, b)
     class(elastic_work), intent(inout) :: self
     type(body_model), intent(in) :: b
-    associate (n => b%nf, rows => size(b%basis%angle), columns => b%basis%columns)
+    associate (n => b%nf, rows => b%basis%rows, columns => b%basis%columns)
       allocate (self%q(0:n), self%v(0:n), self%force(0:n), self%coupling(0:n), self%d(rows, columns), self%ds(rows, columns), &
                 source=0.0_wp)
     end associate

@@ -2,8 +2,8 @@
 !> once for every viscoelastic material (theory.md, section 5).
 module modal_basis
   use kinds, only: wp
-  use beam_element, only: deformation_matrix
   use body, only: body_model, elastic_basis, elastic_work
+  use element_law, only: row_materials, rows_of
   use marker, only: marker_model
   use triplets, only: triplet_matrix
   implicit none (type, external)
@@ -11,7 +11,7 @@ module modal_basis
 
   !> A basis of modes.
   type, extends(elastic_basis), public :: modal_model
-    real(wp), allocatable :: psi(:, :)        !! (3 nn, nf) nodal displacements of each mode [m or rad, mass-normalised]
+    real(wp), allocatable :: psi(:, :)        !! (0:nodal, nf) nodal coordinates of each mode, 0: none [m or rad, mass-normalised]
     real(wp), allocatable :: omega2(:)        !! (nf) squared frequencies at E_R [rad2/s2]
   contains
     procedure :: deform
@@ -21,6 +21,7 @@ module modal_basis
     procedure :: element_strain
     procedure :: add_stiffness
     procedure :: displacement
+    procedure :: element_coordinates
     procedure :: attach
   end type modal_model
 
@@ -61,8 +62,8 @@ contains
     type(body_model), intent(in) :: b
     real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
     real(wp), intent(in), contiguous, optional :: d(:, :)   !! (nf, segments) [kg^.5 m]
-    real(wp) :: parts(2)                            !! [J]
-    parts = [0.0_wp, sum(self%omega2*q**2)]
+    real(wp) :: parts(3)                            !! [J]
+    parts = [0.0_wp, sum(self%omega2*q**2), 0.0_wp]
   end function strain_parts
 
   !> The largest elastic force: modal forces times the square root of the mass.
@@ -74,20 +75,18 @@ contains
     force = maxval(abs(self%omega2*q))*sqrt(b%mass)
   end function largest_force
 
-  !> The deformations of an element, from the amplitudes that its material sees.
+  !> The rows of an element, each from the amplitudes that its material sees.
   pure function element_strain(self, b, e, w) result(d)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                        !! element
     type(elastic_work), intent(in) :: w
-    real(wp) :: d(3)                                !! [m, rad, rad]
-    real(wp) :: x(b%nf)                             ! [kg^.5 m]
+    real(wp), allocatable :: d(:)                   !! [m, rad]
     integer :: r
-    x = w%q(1:)
+    d = rows_of(b, e, self%element_coordinates(b, e, w%q(1:)))
     do r = 1, size(b%segments)
-      if (b%segments(r)%material == b%elements(e)%material) x = w%ds(:, r)
+      d = merge(rows_of(b, e, self%element_coordinates(b, e, w%ds(:, r))), d, row_materials(b, e) == b%segments(r)%material)
     end do
-    d = matmul(deformation_matrix(b%elements(e)), [self%displacement(b, b%en(1, e), x), self%displacement(b, b%en(2, e), x)])
   end function element_strain
 
   !> The tangent stiffness: Omega2, and the stiffness of each material.
@@ -116,18 +115,36 @@ contains
     integer, intent(in) :: node
     real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
     real(wp) :: u(3)                                !! [m, m, rad]
-    integer :: k
+    integer :: k, c
     u = 0.0_wp
     do k = 1, b%nf
-      u = u + self%psi(3*node - 2:3*node, k)*q(k)
+      do c = 1, 3
+        u(c) = u(c) + self%psi(b%dof(c, node), k)*q(k)
+      end do
     end do
   end function displacement
+
+  !> The coordinates of an element: sums over the modes.
+  pure function element_coordinates(self, b, e, q) result(a)
+    class(modal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                        !! element
+    real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
+    real(wp) :: a(size(b%edof, 1))                  !! [m, rad]
+    integer :: k, c
+    a = 0.0_wp
+    do k = 1, b%nf
+      do c = 1, size(a)
+        a(c) = a(c) + self%psi(b%edof(c, e), k)*q(k)
+      end do
+    end do
+  end function element_coordinates
 
   !> A marker moves by all modes.
   pure subroutine attach(self, b, p)
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     type(marker_model), intent(inout) :: p
-    p%psi = self%psi(3*p%node - 2:3*p%node, :)
+    p%psi = self%psi(b%dof(:3, p%node), :)
   end subroutine attach
 end module modal_basis

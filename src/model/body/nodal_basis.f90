@@ -2,13 +2,16 @@
 module nodal_basis
   use kinds, only: wp
   use banded, only: band_factor, band_solve, band_solve_two, same_factor
-  use beam_element, only: beam_geometry, bending, element_stiffness, stiffening_tangent
+  use beam_element, only: beam_geometry, bending
   use body, only: body_model, elastic_basis, elastic_work
+  use element_law, only: add_geometric, axial_force, parts_of, segment_of, stiffness_part
+  use layered_element, only: most_coordinates
   use marker, only: marker_model
   use segment_model, only: strain_product
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
+  public :: to_element
 
   !> A basis of nodal coordinates.
   type, extends(elastic_basis), public :: nodal_model
@@ -23,6 +26,7 @@ module nodal_basis
     procedure :: element_strain
     procedure :: add_stiffness
     procedure :: displacement
+    procedure :: element_coordinates
     procedure :: attach
     procedure :: same
   end type nodal_model
@@ -150,21 +154,22 @@ contains
     end if
   end subroutine solve_mass
 
-  !> Twice the axial strain energy and twice that of bending.
+  !> Twice the axial strain energy and twice that of bending; nothing slips.
   pure function strain_parts(self, b, q, d) result(parts)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
     real(wp), intent(in), contiguous, optional :: d(:, :)   !! (nd, ne) [m, rad, rad]
-    real(wp) :: parts(2)                            !! [J]
+    real(wp) :: parts(3)                            !! [J]
     real(wp), allocatable :: linear(:, :)           ! of the linear strain [m, rad, rad]
     if (present(d)) then
-      parts = energies(b, d)
+      parts(1:2) = energies(b, d)
     else
       allocate (linear(b%nd, b%ne))
       call element_deformations(b%ne, b%nd, b%nf, b%elements, .false., self%straight, b%edof, [0.0_wp, q], linear)
-      parts = energies(b, linear)
+      parts(1:2) = energies(b, linear)
     end if
+    parts(3) = 0.0_wp
   end function strain_parts
 
   !> Twice the energies of extensions and of bending.
@@ -194,15 +199,14 @@ contains
     end do
   end function largest_force
 
-  !> The deformations of an element, as the last evaluation left them.
+  !> (e, phi1, phi2) of an element, as the last evaluation left them.
   pure function element_strain(self, b, e, w) result(d)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                        !! element
     type(elastic_work), intent(in) :: w
-    real(wp) :: d(3)                                !! [m, rad, rad]
-    d = 0.0_wp
-    d(4 - b%nd:) = w%ds(:, e)
+    real(wp), allocatable :: d(:)                   !! [m, rad, rad]
+    d = [spread(0.0_wp, 1, 3 - b%nd), w%ds(:, e)]
   end function element_strain
 
   !> Adds element by element B^T D B at the present deformation, which viscoelastic terms multiply, and the geometric stiffness.
@@ -214,21 +218,24 @@ contains
     type(elastic_work), intent(in) :: w
     type(triplet_matrix), intent(inout) :: stiffness
     type(triplet_matrix), intent(inout) :: segments(:)
-    real(wp) :: k(6, 6), g(6, 6), x(0:b%nf)
-    integer :: e, r, at(6)
+    real(wp) :: k(most_coordinates, most_coordinates), x(0:b%nf)
+    integer :: e, r, n, part, at(size(b%edof, 1))
     x(0) = 0.0_wp
     x(1:) = q
-    g = 0.0_wp
+    n = size(at)
     do e = 1, b%ne
       at = merge(first + b%edof(:, e), 0, b%edof(:, e) > 0)
-      if (b%stiffening) then
-        call stiffening_tangent(b%elements(e), x(b%edof(:, e)), b%elements(e)%ea_l*w%ds(1, e), k, g)
-      else
-        k = element_stiffness(b%elements(e))
-      end if
-      call stiffness%add_block(at, at, k + g)
-      do r = 1, size(segments)
-        if (e >= b%segments(r)%first .and. e <= b%segments(r)%last) call segments(r)%add_block(at, at, k)
+      do part = 1, parts_of(b, e)
+        k = 0.0_wp
+        if (b%stiffening) then
+          call stiffness_part(b, e, part, k, x(b%edof(:6, e)))
+        else
+          call stiffness_part(b, e, part, k)
+        end if
+        r = segment_of(b, e, part)
+        if (r > 0 .and. r <= size(segments)) call segments(r)%add_block(at, at, k(:n, :n))
+        if (b%stiffening .and. part == 1) call add_geometric(b, e, axial_force(b, e, w%ds), k)
+        call stiffness%add_block(at, at, k(:n, :n))
       end do
     end do
   end subroutine add_stiffness
@@ -247,12 +254,26 @@ contains
     end do
   end function displacement
 
+  !> The coordinates of an element: its own.
+  pure function element_coordinates(self, b, e, q) result(a)
+    class(nodal_model), intent(in) :: self
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                        !! element
+    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+    real(wp) :: a(size(b%edof, 1))                  !! [m, rad]
+    integer :: k
+    a = 0.0_wp
+    do k = 1, size(a)
+      if (b%edof(k, e) > 0) a(k) = q(b%edof(k, e))
+    end do
+  end function element_coordinates
+
   !> A marker moves by the coordinates of its node.
   pure subroutine attach(self, b, p)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     type(marker_model), intent(inout) :: p
-    p%dof = b%dof(:, p%node)
+    p%dof = b%dof(:3, p%node)
   end subroutine attach
 
   !> Compares the factor of m_ff.

@@ -1,4 +1,5 @@
-!> The internal variables of neighbouring elements that share one viscoelastic material, or of modal amplitudes on one material.
+!> The internal variables of neighbouring elements, or of a layer of theirs, that share one viscoelastic material, or of modal
+!> amplitudes on one material.
 module segment_model
   use kinds, only: wp
   use beam_element, only: bending
@@ -14,6 +15,7 @@ module segment_model
     integer :: losses = 0                     !! what its terms dissipate follows this place among the scene's losses
     real(wp), allocatable :: ea_l(:)          !! elements: E_R A/l, empty without axial deformation [N/m]
     real(wp), allocatable :: ei_l(:)          !! elements: E_R I/l [N m]
+    real(wp), allocatable :: diagonal(:)      !! rows of layers: of each [N/m, N m]
     real(wp), allocatable :: stiffness(:, :)  !! modes (k x k) [rad2/s2]
   contains
     procedure :: product => segment_product
@@ -28,6 +30,8 @@ contains
     real(wp), intent(in) :: x(n), y(n)        !! deformations, internal variables or their rates [m, rad, ...]
     if (allocated(self%stiffness)) then
       total = of_modes(n, self%stiffness, x, y)
+    else if (allocated(self%diagonal)) then
+      total = sum(self%diagonal*x*y)
     else if (size(self%ea_l) > 0) then
       total = sum(strain_product(n/3, 3, self%ea_l, self%ei_l, x, y))
     else

@@ -3,11 +3,12 @@
 !> largest at one of its ends.
 module section_sensors
   use kinds, only: wp
-  use beam_element, only: deformation_law, deformation_matrix, present_deformation_matrix
   use body, only: body_model
+  use element_law, only: forces_of, row_damping, row_materials, rows_of
   use sensor, only: nonlinear_sensor, observation, sensor_model, harmonic_motion
   implicit none (type, external)
   private
+  public :: present_rows, row_amplitudes
 
   !> An element's section forces.
   type, extends(sensor_model), public :: section_sensor_model
@@ -57,16 +58,25 @@ contains
     integer, intent(in) :: body               !! number of its body
     integer, intent(in) :: e                  !! element
     real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
-    real(wp) :: d(3)
-    integer :: i
     associate (b => at%m%s%bodies(body), g => at%m%s%bodies(body)%elements(e))
-      d = b%basis%element_strain(b, e, at%ev%elastic(body))
-      i = at%m%s%nq + at%m%s%qo(body) + 3
-      if (b%rayleigh) d = d + g%ray_k*matmul(deformation_matrix(g), element_coordinates(b, e, at%y(i + 1:i + b%nf)))
-      x(1:4) = real(section_forces(b, e, cmplx(d, kind=wp)))
+      x(1:4) = real(section_forces(b, e, cmplx(present_rows(at, body, e), kind=wp)))
       if (g%fibre > 0.0_wp) x(5) = abs(x(1))/g%area + maxval(abs(x(3:4)))*g%fibre/g%second
     end associate
   end subroutine read_element
+
+  !> Rows of an element's deformations in the last evaluation, with the terms' differences and those of Rayleigh damping.
+  function present_rows(at, body, e) result(d)
+    type(observation), intent(in) :: at
+    integer, intent(in) :: body               !! number of its body
+    integer, intent(in) :: e                  !! element
+    real(wp), allocatable :: d(:)             !! [m, rad]
+    integer :: i
+    associate (b => at%m%s%bodies(body))
+      d = b%basis%element_strain(b, e, at%ev%elastic(body))
+      i = at%m%s%nq + at%m%s%qo(body) + 3
+      if (b%rayleigh) d = d + row_damping(b, e)*rows_of(b, e, b%basis%element_coordinates(b, e, at%y(i + 1:i + b%nf)))
+    end associate
+  end function present_rows
 
   !> With the material's modulus at s; the stress is that of the outer fibre where its amplitude is largest.
   subroutine respond(self, at, motion, x)
@@ -74,55 +84,63 @@ contains
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! as read_section [N], [N m], [Pa]
-    complex(wp) :: a(6), fibre(4)
-    real(wp) :: b(3, 6)
-    integer :: i
+    complex(wp) :: fibre(4)
     associate (body => at%m%s%bodies(self%marker%body), e => self%element, &
                g => at%m%s%bodies(self%marker%body)%elements(self%element))
-      i = at%m%s%qo(self%marker%body) + 3
-      a = cmplx(element_coordinates(body, e, real(motion%x(i + 1:i + body%nf), wp)), &
-                element_coordinates(body, e, aimag(motion%x(i + 1:i + body%nf))), wp)
-      b = deformation_matrix(g)
-      if (body%stiffening) b = present_deformation_matrix(g, element_coordinates(body, e, at%y(i + 1:i + body%nf)))
-      x(1:4) = section_forces(body, e, g%ray_k*motion%s*matmul(deformation_matrix(g), a) &
-                              + (1 + element_ratio(body, e, motion%s))*matmul(b, a))
+      x(1:4) = section_forces(body, e, row_amplitudes(at, motion, self%marker%body, e))
       if (.not. g%fibre > 0.0_wp) return
       fibre = x(1)/g%area + [x(3), -x(3), x(4), -x(4)]*g%fibre/g%second
       x(5) = fibre(maxloc(abs(fibre), 1))
     end associate
   end subroutine respond
 
-  !> N, Q and the end moments from an element's deformations.
+  !> Amplitudes of an element's rows, with each material's modulus at s and Rayleigh damping; with stiffening about the present
+  !> state.
+  function row_amplitudes(at, motion, body, e) result(d)
+    type(observation), intent(in) :: at
+    type(harmonic_motion), intent(in) :: motion
+    integer, intent(in) :: body               !! number of its body
+    integer, intent(in) :: e                  !! element
+    complex(wp), allocatable :: d(:)          !! [m, rad]
+    complex(wp), allocatable :: rate(:)       ! [m/s, rad/s]
+    complex(wp) :: factor                     ! E(s)/E_R of a material [-]
+    integer, allocatable :: material(:)
+    integer :: i, r, k
+    i = at%m%s%qo(body) + 3
+    associate (b => at%m%s%bodies(body))
+      associate (re => b%basis%element_coordinates(b, e, real(motion%x(i + 1:i + b%nf), wp)), &
+                 im => b%basis%element_coordinates(b, e, aimag(motion%x(i + 1:i + b%nf))))
+        d = cmplx(rows_of(b, e, re), rows_of(b, e, im), wp)
+        if (b%rayleigh) rate = motion%s*d
+        if (b%stiffening) then
+          associate (now => b%basis%element_coordinates(b, e, at%y(i + 1:i + b%nf)))
+            d = cmplx(rows_of(b, e, re, now), rows_of(b, e, im, now), wp)
+          end associate
+        end if
+      end associate
+      if (size(b%segments) > 0) material = row_materials(b, e)
+      do r = 1, size(b%segments)
+        if (.not. any(material == b%segments(r)%material)) cycle
+        factor = 1 + b%segments(r)%law%ratio(motion%s)
+        do k = 1, size(d)
+          if (material(k) == b%segments(r)%material) then
+            d(k) = factor*d(k)
+            material(k) = 0                  ! other segments have the material, too
+          end if
+        end do
+      end do
+      if (b%rayleigh) d = d + row_damping(b, e)*rate
+    end associate
+  end function row_amplitudes
+
+  !> N, Q and the end moments from an element's rows.
   pure function section_forces(b, e, d) result(x)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                  !! element
-    complex(wp), intent(in) :: d(3)           !! stretch [m], turns of its ends [rad]
+    complex(wp), intent(in) :: d(:)           !! rows [m, rad]
     complex(wp) :: x(4)                       !! [N], [N m]
     complex(wp) :: f(3)                       ! [N], [N m]
-    f = matmul(deformation_law(b%elements(e)), d)
-    if (.not. b%axial) f(1) = 0.0_wp
+    f = forces_of(b, e, d)
     x = [f(1), -(f(2) + f(3))/b%elements(e)%length, -f(2), f(3)]
   end function section_forces
-
-  !> Nodal coordinates of an element from elastic coordinates.
-  pure function element_coordinates(b, e, qf) result(a)
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: e                  !! element
-    real(wp), intent(in) :: qf(:)             !! (nf) [m, rad]
-    real(wp) :: a(6)                          !! [m, rad]
-    a(1:3) = b%displacement(b%en(1, e), qf)
-    a(4:6) = b%displacement(b%en(2, e), qf)
-  end function element_coordinates
-
-  !> E(s)/E_R - 1 of an element's material.
-  pure complex(wp) function element_ratio(body, e, s) result(g)   ! [-]
-    type(body_model), intent(in) :: body
-    integer, intent(in) :: e                  !! element
-    complex(wp), intent(in) :: s              !! [1/s]
-    integer :: r
-    g = 0.0_wp
-    do r = 1, size(body%segments)
-      if (body%segments(r)%material == body%elements(e)%material) g = body%segments(r)%law%ratio(s)
-    end do
-  end function element_ratio
 end module section_sensors

@@ -13,6 +13,7 @@ module sensors
   use energy_sensors, only: energy_sensor_model, power_sensor_model, work_sensor_model
   use evaluation_results, only: evaluation
   use force_sensors, only: spring_sensor_model, stop_sensor_model
+  use layer_sensors, only: layer_sensor_model, slip_sensor_model
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
   use measure, only: measure_model
@@ -21,7 +22,7 @@ module sensors
   use result_columns, only: result_column
   use section_sensors, only: section_sensor_model, stress_sensor_model
   use sensor, only: observation, sensor_box, sensor_model, harmonic_motion
-  use text, only: either
+  use text, only: either, to_text
   implicit none (type, external)
   private
   public :: sensor_list, set_up_sensors, read_sensors, read_linear_sensors
@@ -77,6 +78,7 @@ contains
     type(quantity_sensor_model), allocatable :: quantities
     type(sensor_record) :: r
     type(reaction_sensor_model) :: reaction        ! a constructor would never free its list
+    type(slip_sensor_model) :: slip
     character(:), allocatable :: unit
     integer, allocatable :: row(:)                 ! the friction's number among the constraints
     integer :: k
@@ -114,6 +116,21 @@ contains
       columns = [result_column('.n', 'N'), result_column('.q', 'N'), result_column('.m1', 'Nm'), result_column('.m2', 'Nm'), &
                  result_column('.s', 'Pa')]
       if (.not. m%s%bodies(r%marker%body)%elements(r%element)%fibre > 0.0_wp) columns = columns(:4)   ! no shape, no stress
+    case ('layer')
+      associate (b => m%s%bodies(r%marker%body))
+        associate (layer => b%layers%sections(b%layers%kinds(b%layers%kind(r%element))%section)%layers(r%layer))
+          item = layer_sensor_model(element=r%element, layer=r%layer, core=layer%core > 0)
+          columns = [result_column('.s', 'Pa'), result_column('.tau', 'Pa')]
+          if (layer%core == 0) columns = columns(:1)
+        end associate
+      end associate
+    case ('slip')
+      call slip%find(m%s%bodies(r%marker%body), r%marker%node)
+      item = slip
+      allocate (columns(size(slip%entry)))
+      do k = 1, size(columns)
+        columns(k) = result_column('.g'//to_text(k), 'rad')
+      end do
     case ('power')
       item = power_sensor_model(source=source_of(m%s, r))
       columns = [result_column('', 'W')]

@@ -6,10 +6,11 @@ module elastic_block
   use band_lu, only: factor_lu, solve_lu
   use kinds, only: wp, number
   use banded, only: band_factor, band_solve, band_solve_two, factor_again, order_band
-  use beam_element, only: element_stiffness, stiffening_tangent
   use body, only: body_model
   use body_terms, only: body_equations
   use elastic_operators, only: elastic_operator
+  use element_law, only: add_geometric, axial_force, parts_of, segment_of, stiffness_part
+  use layered_element, only: most_coordinates
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
@@ -86,19 +87,6 @@ contains
     call factor_again(self%base, self%row, self%col, self%lower, bad)
   end subroutine factor_base
 
-  !> Stiffness of an element with the terms condensed over the static one.
-  pure function element_factor(self, body, e) result(factor)
-    class(block_factor), intent(in) :: self
-    type(body_model), intent(in) :: body
-    integer, intent(in) :: e
-    real(number) :: factor                   !! [-]
-    integer :: r
-    factor = 1.0_wp
-    do r = 1, size(body%segments)
-      if (e >= body%segments(r)%first .and. e <= body%segments(r)%last) factor = self%factor(r)
-    end do
-  end function element_factor
-
   !> Fills and factors the full block at the state of eq's last residual.
   subroutine factor_full(self, eq, body, c2, w, wd, bad)
     class(block_factor), intent(inout) :: self
@@ -145,18 +133,28 @@ contains
     type(body_equations), intent(in) :: eq
     type(body_model), intent(in) :: body
     integer, intent(in) :: e
-    real(wp) :: k(6, 6), g(6, 6)
+    real(wp), dimension(most_coordinates, most_coordinates) :: k, at_rest, g
     real(number) :: factor
-    integer :: i, j
-    factor = element_factor(self, body, e)
-    call stiffening_tangent(body%elements(e), eq%w%q(body%edof(:, e)), body%elements(e)%ea_l*eq%w%ds(1, e), k, g)
-    k = k - element_stiffness(body%elements(e))
-    do j = 1, 6
-      do i = 1, 6
-        associate (row => body%edof(i, e), col => body%edof(j, e))
-          if (row > 0 .and. col > 0) call add(self, row, col, factor*k(i, j) + g(i, j))
-        end associate
+    integer :: i, j, r, n, part
+    n = size(body%edof, 1)
+    k(:n, :n) = 0.0_wp
+    at_rest(:n, :n) = 0.0_wp
+    g(:n, :n) = 0.0_wp
+    call add_geometric(body, e, axial_force(body, e, eq%w%ds), g)
+    do part = 1, parts_of(body, e)
+      call stiffness_part(body, e, part, k, eq%w%q(body%edof(:6, e)))
+      call stiffness_part(body, e, part, at_rest)
+      r = segment_of(body, e, part)
+      factor = 1.0_wp
+      if (r > 0) factor = self%factor(r)
+      do j = 1, n
+        do i = 1, n
+          associate (row => body%edof(i, e), col => body%edof(j, e))
+            if (row > 0 .and. col > 0) call add(self, row, col, factor*(k(i, j) - at_rest(i, j)) + g(i, j))
+          end associate
+        end do
       end do
+      g(:n, :n) = 0.0_wp
     end do
   end subroutine add_stiffening
 

@@ -1,9 +1,9 @@
 !> Builds the matrices of a body's elastic coordinates: sums over elements and lumps, or modes. Set-up work.
 module body_operators
   use kinds, only: wp
-  use beam_element, only: element_mass, element_gyroscopic, element_stiffness
   use body, only: body_model
   use elastic_operators, only: elastic_operator
+  use element_law, only: damping_of, element_inertia, inertia_of, parts_of, segment_of, stiffness_part
   use segment_model, only: viscoelastic_segment
   implicit none (type, external)
   private
@@ -17,31 +17,37 @@ contains
     type(elastic_operator), intent(out) :: op
     integer, allocatable :: symmetric(:, :), skew(:, :)      ! (2, entries) row and column
     integer, allocatable :: segment(:), p(:)           ! of entries: segment or 0, number in the pattern
-    real(wp), allocatable :: a(:, :), az(:)            ! (3, entries) of m, k, c; of Z [kg, kg m, ...]
-    real(wp) :: m(6, 6), k(6, 6), z(6, 6)
-    integer :: e, r, n, nz, i, j, at(2), of_element
-    allocate (symmetric(2, 36*body%ne), segment(36*body%ne), a(3, 36*body%ne))
-    allocate (skew(2, 36*body%ne + 2*size(body%lumps)), az(36*body%ne + 2*size(body%lumps)))
+    real(wp), allocatable :: a(:, :), az(:)            ! (4, entries) of m, k, c, j; of Z [kg, kg m, ...]
+    real(wp), dimension(size(body%edof, 1), size(body%edof, 1)) :: k, c
+    type(element_inertia) :: x
+    integer :: e, r, n, nz, i, j, at(2), part, most, parts
+    most = size(body%edof, 1)**2
+    parts = 1
+    if (allocated(body%layers)) parts = size(body%layers%part, 1)
+    allocate (symmetric(2, most*parts*body%ne), segment(most*parts*body%ne), a(4, most*parts*body%ne))
+    allocate (skew(2, most*body%ne + 2*size(body%lumps)), az(most*body%ne + 2*size(body%lumps)))
     n = 0
     nz = 0
     do e = 1, body%ne
-      m = element_mass(body%elements(e))
-      k = element_stiffness(body%elements(e))
-      z = element_gyroscopic(body%elements(e))
-      of_element = 0
-      do r = 1, size(body%segments)
-        if (e >= body%segments(r)%first .and. e <= body%segments(r)%last) of_element = r
-      end do
-      do j = 1, 6
-        do i = 1, 6
-          at = body%edof([i, j], e)
-          if (any(at == 0)) cycle
-          if (abs(z(i, j)) > 0.0_wp) call note(at, z(i, j))
-          if (.not. (abs(m(i, j)) > 0.0_wp .or. abs(k(i, j)) > 0.0_wp)) cycle
-          n = n + 1
-          symmetric(:, n) = at
-          segment(n) = of_element
-          a(:, n) = [m(i, j), k(i, j), body%elements(e)%ray_m*m(i, j) + body%elements(e)%ray_k*k(i, j)]
+      x = inertia_of(body, e)
+      c = 0.0_wp
+      call damping_of(body, e, x, c)
+      do part = 1, parts_of(body, e)
+        k = 0.0_wp
+        call stiffness_part(body, e, part, k)
+        r = segment_of(body, e, part)
+        do j = 1, size(body%edof, 1)
+          do i = 1, size(body%edof, 1)
+            at = body%edof([i, j], e)
+            if (any(at == 0)) cycle
+            if (part == 1 .and. abs(x%z(i, j)) > 0.0_wp) call note(at, x%z(i, j))
+            if (.not. (abs(x%m(i, j)) + abs(x%j(i, j)) > 0.0_wp .or. abs(k(i, j)) > 0.0_wp)) cycle
+            n = n + 1
+            symmetric(:, n) = at
+            segment(n) = r
+            a(:, n) = [x%m(i, j), k(i, j), c(i, j), x%j(i, j)]
+            if (part > 1) a([1, 3, 4], n) = 0.0_wp
+          end do
         end do
       end do
     end do
@@ -63,6 +69,7 @@ contains
       op%m(p(e)) = op%m(p(e)) + a(1, e)
       op%k(p(e)) = op%k(p(e)) + a(2, e)
       op%c(p(e)) = op%c(p(e)) + a(3, e)
+      op%j(p(e)) = op%j(p(e)) + a(4, e)
     end do
     do e = 1, nz
       i = op%skew%entry(skew(2, e), skew(1, e))

@@ -2,16 +2,17 @@
 !> factor of the mass matrix, internal variables. All set-up work; nothing here runs in a step.
 module body_setup
   use kinds, only: wp, pi
-  use beam_element, only: shape_integral, shape_moment
   use body, only: body_model, lump
+  use element_law, only: element_inertia, inertia_of
   use segment_model, only: viscoelastic_segment
   use elastic_operators, only: factor_entries
+  use layered_basis, only: layered_model
   use marker, only: turn
   use nodal_basis, only: nodal_model
   implicit none (type, external)
   private
   public :: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal
-  public :: element_basis, finish_elastic, body_length, find_segments
+  public :: make_elements, finish_elastic, body_length, find_segments
 
 contains
 
@@ -26,6 +27,12 @@ contains
     b%mass = b%mass + w
     b%i1 = b%i1 + w*(xi + d/2)
     b%i11 = b%i11 + w*(dot_product(xi, xi) + dot_product(xi, d) + dot_product(d, d)/3)
+    if (.not. allocated(b%layers)) return
+    associate (kind => b%layers%kinds(b%layers%kind(e)))
+      d = [-b%elements(e)%s, b%elements(e)%c]
+      b%i1 = b%i1 + kind%first*d
+      b%i11 = b%i11 + 2*kind%first*dot_product(xi, d) + kind%second
+    end associate
   end subroutine add_rigid_element
 
   !> Adds a lump to the rigid-body integrals.
@@ -37,40 +44,62 @@ contains
     b%i11 = b%i11 + l%mass*dot_product(l%x, l%x) + l%inertia
   end subroutine add_rigid_lump
 
-  !> Numbers the nodal coordinates that remain, node by node (u, v, rotation).
+  !> Numbers the nodal coordinates that remain, node by node (u, v, rotation, shear angles of cores), behind each node those that
+  !> are elements' own.
   pure subroutine number_coordinates(b, removed)
     type(body_model), intent(inout) :: b
-    logical, intent(in) :: removed(:, :)   !! (3, nn) coordinates stopped by the reference conditions
-    logical :: kept(3, b%nn)
-    integer :: k
+    logical, intent(in) :: removed(:, :)   !! (3 and cores, nn) coordinates stopped by the reference conditions, or not there
+    logical :: kept(size(removed, 1), b%nn)
+    integer :: own(b%nn)                   ! coordinates of elements that begin at a node; then the last one given a number
+    integer :: k, j, e
     kept = .not. removed
     if (.not. b%axial) kept(1, :) = .false.
-    b%nf = count(kept)
-    b%dof = unpack([(k, k=1, b%nf)], kept, 0)
-    b%edof = reshape(b%dof(:, reshape(b%en, [2*b%ne])), [6, b%ne])
+    own = 0
+    do e = 1, merge(b%ne, 0, allocated(b%layers))
+      own(b%en(1, e)) = own(b%en(1, e)) + (b%layers%kinds(b%layers%kind(e))%coordinates - 6)/3
+    end do
+    allocate (b%dof(size(kept, 1), b%nn), source=0)
+    b%nf = 0
+    do k = 1, b%nn
+      b%dof(:, k) = unpack([(b%nf + j, j=1, count(kept(:, k)))], kept(:, k), 0)
+      j = b%nf + count(kept(:, k))
+      b%nf = j + own(k)
+      own(k) = j
+    end do
+    allocate (b%edof(3*(size(kept, 1) - 1), b%ne), source=0)
+    do e = 1, b%ne
+      b%edof(:6, e) = reshape(b%dof(:3, b%en(:, e)), [6])
+      if (.not. allocated(b%layers)) cycle
+      associate (kind => b%layers%kinds(b%layers%kind(e)))
+        do j = 1, (kind%coordinates - 6)/3
+          k = 3 + b%layers%slot(j, kind%section)
+          own(b%en(1, e)) = own(b%en(1, e)) + 1
+          b%edof(4 + 3*j:6 + 3*j, e) = [b%dof(k, b%en(1, e)), b%dof(k, b%en(2, e)), own(b%en(1, e))]
+        end do
+      end associate
+    end do
   end subroutine number_coordinates
 
   !> S-bar, I1f and c0 of the nodal coordinates (theory.md, section 2), lumps included.
   pure subroutine elastic_integrals(b)
     type(body_model), intent(inout) :: b
-    real(wp) :: s(2, 6), sx(2, 6), xi(2), d(2)
+    type(element_inertia) :: x
+    real(wp) :: xi(2)
     real(wp), allocatable :: sb(:, :), f1(:), cc(:)
     integer :: e, k, j
     allocate (sb(2, 0:b%nf), f1(0:b%nf), cc(0:b%nf), source=0.0_wp)
     do e = 1, b%ne
-      s = shape_integral(b%elements(e))
-      sx = shape_moment(b%elements(e))
+      x = inertia_of(b, e)
       xi = b%x(:, b%en(1, e))
-      d = b%x(:, b%en(2, e)) - xi
-      do k = 1, 6
+      do k = 1, size(b%edof, 1)
         j = b%edof(k, e)
-        sb(:, j) = sb(:, j) + s(:, k)
-        f1(j) = f1(j) + dot_product(xi, s(:, k)) + dot_product(d, sx(:, k))
-        cc(j) = cc(j) + dot_product(turn(xi), s(:, k)) + dot_product(turn(d), sx(:, k))
+        sb(:, j) = sb(:, j) + x%s(:, k)
+        f1(j) = f1(j) + dot_product(xi, x%s(:, k)) + x%along(k)
+        cc(j) = cc(j) + dot_product(turn(xi), x%s(:, k)) + x%turning(k)
       end do
     end do
     do k = 1, size(b%lumps)
-      call add_elastic_lump(b%lumps(k), b%dof(:, b%lumps(k)%node), sb, f1, cc)
+      call add_elastic_lump(b%lumps(k), b%dof(:3, b%lumps(k)%node), sb, f1, cc)
     end do
     b%shape%sbar = transpose(sb(:, 1:))
     b%shape%i1f = f1(1:)
@@ -98,31 +127,70 @@ contains
   subroutine make_nodal(b, bad)
     type(body_model), intent(inout) :: b
     logical, intent(out) :: bad           !! m_ff is not positive definite
-    type(nodal_model) :: nodal
-    integer :: k
-    nodal = element_basis(b)
+    class(nodal_model), allocatable :: nodal
+    integer :: k, e
+    call make_elements(b, nodal)
     call factor_entries(b%op%symmetric, b%op%m + b%op%j, nodal%mff, bad)
     nodal%factors = 1
-    nodal%columns = b%ne
-    nodal%angle = [(k > 3, k=6 - b%nd, 5)]
-    nodal%rotation = [(.false., k=1, b%nf)]
-    nodal%rotation(pack(b%dof(3, :), b%dof(3, :) > 0)) = .true.
+    nodal%rotation = [(.true., k=1, b%nf)]
+    nodal%rotation(pack(b%dof(1:2, :), b%dof(1:2, :) > 0)) = .false.
     nodal%reach = [(1.0_wp, k=1, b%nf)]
     nodal%carried = pi**2*minval(sqrt(b%elements%ei_l/b%elements%mass)/b%elements%length)      ! half a wave an element
     do k = 1, size(b%segments)
       associate (segment => b%segments(k))
-        segment%ei_l = b%elements(segment%first:segment%last)%ei_l
-        segment%ea_l = pack(b%elements(segment%first:segment%last)%ea_l, b%axial)
+        if (allocated(b%layers)) then
+          allocate (segment%diagonal(segment%last - segment%first + 1))
+          do e = 1, b%ne
+            associate (row => b%layers%row(:, e), stiffness => b%layers%kinds(b%layers%kind(e))%stiffness)
+              call fill(size(stiffness), row, stiffness, segment)
+            end associate
+          end do
+        else
+          segment%ei_l = b%elements(segment%first:segment%last)%ei_l
+          segment%ea_l = pack(b%elements(segment%first:segment%last)%ea_l, b%axial)
+        end if
       end associate
     end do
-    allocate (b%basis, source=nodal)
+    call move_alloc(nodal, b%basis)
+  contains
+    !> The stiffness of an element's rows that a segment follows.
+    pure subroutine fill(n, row, stiffness, segment)
+      integer, intent(in) :: n, row(:)
+      real(wp), intent(in) :: stiffness(n)   !! [N/m], [N m]
+      type(viscoelastic_segment), intent(inout) :: segment
+      integer :: i
+      do i = 1, n
+        if (row(i) >= segment%first .and. row(i) <= segment%last) segment%diagonal(row(i) - segment%first + 1) = stiffness(i)
+      end do
+    end subroutine fill
   end subroutine make_nodal
 
   !> What nodal coordinates are but for m_ff.
-  pure type(nodal_model) function element_basis(b) result(nodal)
+  subroutine make_elements(b, nodal)
     type(body_model), intent(in) :: b
+    class(nodal_model), allocatable, intent(out) :: nodal
+    type(layered_model) :: layered
+    integer :: e, i, k
+    if (allocated(b%layers)) then
+      layered%rows = 1
+      layered%columns = maxval(b%layers%row)
+      allocate (layered%angle(layered%columns))
+      do e = 1, b%ne
+        associate (angle => b%layers%kinds(b%layers%kind(e))%angle)
+          do i = 1, size(angle)
+            layered%angle(b%layers%row(i, e)) = angle(i)
+          end do
+        end associate
+      end do
+      allocate (nodal, source=layered)
+    else
+      allocate (nodal)
+      nodal%rows = b%nd
+      nodal%columns = b%ne
+      nodal%angle = [(k > 3, k=6 - b%nd, 5)]
+    end if
     nodal%straight = all(abs(b%elements%s) <= 0.0_wp .and. b%elements%c >= 0.0_wp)
-  end function element_basis
+  end subroutine make_elements
 
   !> Solutions m_ff^-1 of the shape integrals, and the number of internal variables.
   subroutine finish_elastic(b)
@@ -137,18 +205,22 @@ contains
     b%nz = 0
     do k = 1, size(b%segments)
       associate (segment => b%segments(k))
-        segment%width = size(b%basis%angle)*(segment%last - segment%first + 1)
+        segment%width = b%basis%rows*(segment%last - segment%first + 1)
         b%nz = b%nz + segment%width*size(segment%law%alpha)
       end associate
     end do
   end subroutine finish_elastic
 
-  !> Splits the elements into segments of one viscoelastic material.
+  !> Splits the elements, or the rows of their layers, into segments of one viscoelastic material.
   pure subroutine find_segments(b, viscoelastic)
     type(body_model), intent(inout) :: b
-    logical, intent(in) :: viscoelastic(:) !! (ne) whether the element has terms
+    logical, intent(in) :: viscoelastic(:) !! (ne) whether the element has terms, without layers
     type(viscoelastic_segment), allocatable :: segments(:)
     integer :: e, n
+    if (allocated(b%layers)) then
+      call place_rows(b)
+      return
+    end if
     allocate (segments(b%ne))
     n = 0
     do e = 1, b%ne
@@ -166,6 +238,54 @@ contains
     end do
     b%segments = segments(1:n)
   end subroutine find_segments
+
+  !> Places the rows of all elements among the deformations: elastic ones, then layer by layer along the body what terms follow.
+  !> Neighbouring elements whose layer is of the same material share a segment.
+  pure subroutine place_rows(b)
+    type(body_model), intent(inout) :: b
+    type(viscoelastic_segment), allocatable :: segments(:)
+    integer :: e, i, l, n, columns, layers, rows, last, material
+    layers = 0
+    rows = 0
+    do i = 1, size(b%layers%kinds)
+      layers = max(layers, maxval(b%layers%kinds(i)%layer))
+      rows = max(rows, size(b%layers%kinds(i)%layer))
+    end do
+    allocate (b%layers%row(rows, b%ne), b%layers%row_part(rows, b%ne), source=0)
+    allocate (b%layers%part(layers + 1, b%ne), source=-1)
+    allocate (segments(layers*b%ne))
+    n = 0
+    columns = 0
+    do l = 0, layers
+      last = -1                            ! element before that has the layer with terms
+      do e = 1, b%ne
+        associate (kind => b%layers%kinds(b%layers%kind(e)), part => b%layers%part(:, e))
+          material = 0
+          do i = 1, size(kind%layer)
+            if (merge(0, kind%layer(i), kind%material(i) == 0) /= l) cycle
+            columns = columns + 1
+            b%layers%row(i, e) = columns
+            if (l > 0 .and. material == 0) then
+              material = kind%material(i)
+              if (last == e - 1 .and. n > 0) then
+                if (segments(n)%material /= material) last = -1
+              end if
+              if (last /= e - 1) then
+                n = n + 1
+                segments(n)%first = columns
+                segments(n)%material = material
+              end if
+              last = e
+            end if
+            if (l > 0) segments(n)%last = columns
+            if (.not. any(part == merge(n, 0, l > 0))) part(count(part >= 0) + 1) = merge(n, 0, l > 0)
+            b%layers%row_part(i, e) = findloc(part, merge(n, 0, l > 0), 1)
+          end do
+        end associate
+      end do
+    end do
+    b%segments = segments(1:n)
+  end subroutine place_rows
 
   !> Largest distance between two points [m].
   pure function body_length(x) result(length)

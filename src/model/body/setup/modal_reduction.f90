@@ -2,8 +2,8 @@
 !> and the materials' stiffness in the modal basis. Set-up work only.
 module modal_reduction
   use kinds, only: wp
-  use beam_element, only: deformation_law, deformation_matrix, element_mass
   use body, only: body_model
+  use element_law, only: element_inertia, inertia_of, part_rows, parts_of, row_damping, segment_of, strain_products
   use segment_model, only: viscoelastic_segment
   use sparse_pattern, only: symmetric_pattern
   use body_operators, only: modal_operators
@@ -12,7 +12,7 @@ module modal_reduction
   use modal_basis, only: modal_model
   implicit none (type, external)
   private
-  public :: reduce_to_modes, static_loads, nodal_shapes
+  public :: reduce_to_modes, static_loads
 
 contains
 
@@ -29,14 +29,14 @@ contains
     if (shapes) call add_static_shapes(b, static_loads(b, loaded), x, w, bad)
     if (bad) return
     call project_integrals(b, x, w)
-    call set_basis(b, nodal_shapes(b, x), w, size(w) - modes)
+    call set_basis(b, with_zero_row(x), w, size(w) - modes)
     b%nf = size(w)
   end subroutine reduce_to_modes
 
   !> The basis, and what others ask about it.
   pure subroutine set_basis(b, psi, w, static_shapes)
     type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: psi(:, :)                   !! (3 nn, modes) displacements of nodes [m or rad, over kg^.5 m]
+    real(wp), intent(in) :: psi(0:, :)                  !! (0:nodal, modes) nodal coordinates [m or rad, over kg^.5 m]
     real(wp), intent(in) :: w(:)                        !! (modes) squared frequencies [rad2/s2]
     integer, intent(in) :: static_shapes                !! how many of them are such
     type(modal_model) :: modal
@@ -46,15 +46,16 @@ contains
     modal%unit = 1/sqrt(b%mass)
     modal%rotation = [(.false., k=1, size(w))]
     modal%reach = maxval(abs(psi), 1)
+    modal%rows = size(w)
     modal%angle = modal%rotation
     modal%columns = size(b%segments)
     modal%carried = sqrt(max(maxval(w), 0.0_wp))
     do k = size(w), 2, -1             ! a straight body moves across its axis rather than along it
-      if (norm2(psi(2::3, k)) >= norm2(psi(1::3, k))) exit
+      if (norm2(psi(b%dof(2, :), k)) >= norm2(psi(b%dof(1, :), k))) exit
       if (any(abs(b%x(2, :) - b%x(2, 1)) > 1.0e-9_wp*b%length)) exit
     end do
     modal%highest_bending = sqrt(max(w(k), 0.0_wp))
-    modal%psi = psi
+    allocate (modal%psi, source=psi)
     modal%omega2 = w
     allocate (b%basis, source=modal)
   end subroutine set_basis
@@ -98,21 +99,16 @@ contains
     real(wp), intent(in) :: x(:, :)                      !! (nf, modes) mass-normalised modes [m, rad, over kg^.5 m]
     real(wp), intent(out) :: damping(:, :)               !! (modes, modes) [1/s]
     type(viscoelastic_segment), allocatable :: joined(:)
-    real(wp), allocatable :: k(:, :), u(:, :), d(:, :)   ! of an element: stiffness, coordinates and deformations in the modes
+    real(wp) :: u(size(b%edof, 1), size(x, 2))           ! coordinates of an element in the modes [m, rad, over kg^.5 m]
+    type(element_inertia) :: inertia
     integer :: of(maxval(b%segments%material))           ! number of a material's segment
-    integer :: segment(b%ne)                             ! that of an element, 0: none
-    integer :: n, r, e
+    integer :: n, r, e, part
     of = 0
-    segment = 0
     n = 0
     do r = 1, size(b%segments)
-      associate (s => b%segments(r))
-        if (of(s%material) == 0) then
-          n = n + 1
-          of(s%material) = n
-        end if
-        segment(s%first:s%last) = of(s%material)
-      end associate
+      if (of(b%segments(r)%material) > 0) cycle
+      n = n + 1
+      of(b%segments(r)%material) = n
     end do
     allocate (joined(n))
     do r = size(b%segments), 1, -1
@@ -124,19 +120,23 @@ contains
       allocate (joined(r)%stiffness(size(x, 2), size(x, 2)), source=0.0_wp)
     end do
     damping = 0.0_wp
-    allocate (u(6, size(x, 2)))
     do e = 1, b%ne
-      if (segment(e) == 0 .and. .not. b%rayleigh) cycle
-      associate (g => b%elements(e))
-        do r = 1, 6
-          u(r, :) = 0.0_wp
-          if (b%edof(r, e) > 0) u(r, :) = x(b%edof(r, e), :)
-        end do
-        d = matmul(deformation_matrix(g), u)
-        k = matmul(transpose(d), matmul(deformation_law(g), d))
-        if (segment(e) > 0) joined(segment(e))%stiffness = joined(segment(e))%stiffness + k
-        if (b%rayleigh) damping = damping + g%ray_k*k + g%ray_m*matmul(transpose(u), matmul(element_mass(g), u))
-      end associate
+      do r = 1, size(u, 1)
+        u(r, :) = 0.0_wp
+        if (b%edof(r, e) > 0) u(r, :) = x(b%edof(r, e), :)
+      end do
+      if (b%rayleigh) then
+        inertia = inertia_of(b, e)
+        damping = damping + strain_products(b, e, row_damping(b, e), u) &
+                  + matmul(transpose(u), matmul(inertia%c, u))
+      end if
+      do part = 1, parts_of(b, e)
+        r = segment_of(b, e, part)
+        if (r == 0) cycle
+        associate (all => joined(of(b%segments(r)%material)))
+          all%stiffness = all%stiffness + strain_products(b, e, part_rows(b, e, part), u)
+        end associate
+      end do
     end do
     damping = 0.5_wp*(damping + transpose(damping))      ! rounding of one half of it would be gyroscopic
     do r = 1, n
@@ -160,17 +160,11 @@ contains
     end do
   end function projected
 
-  !> Displacements of every node (u, v, rotation) by columns of nodal coordinates.
-  pure function nodal_shapes(b, x) result(psi)
-    type(body_model), intent(in) :: b
+  !> Columns of nodal coordinates, with a row of zeros for those that are not there.
+  pure function with_zero_row(x) result(psi)
     real(wp), intent(in) :: x(:, :)   !! (nf, columns) [m, rad, or modes]
-    real(wp) :: psi(3*b%nn, size(x, 2))
-    integer :: k, c
-    psi = 0.0_wp
-    do k = 1, b%nn
-      do c = 1, 3
-        if (b%dof(c, k) > 0) psi(3*(k - 1) + c, :) = x(b%dof(c, k), :)
-      end do
-    end do
-  end function nodal_shapes
+    real(wp) :: psi(0:size(x, 1), size(x, 2))
+    psi(0, :) = 0.0_wp
+    psi(1:, :) = x
+  end function with_zero_row
 end module modal_reduction

@@ -1,0 +1,208 @@
+!> Sections of layers, and sections that shear, from records into a body whose nodes and elements are laid out.
+module build_layers
+  use kinds, only: wp, pi
+  use body, only: body_model
+  use build_law, only: law_of
+  use errors, only: fault_list
+  use deck_records, only: deck, body_record, material_record, section_record
+  use layered_element, only: make_layered_element
+  use layered_section, only: layered_section_model, section_layer, set_up_section, shear_coefficient
+  use viscoelastic_law, only: viscoelastic_terms
+  implicit none (type, external)
+  private
+  public :: add_layers, elastic_modulus
+
+  integer, parameter :: latest = 8                 !! kinds of element that an element is compared with
+  real(wp), parameter :: beside = 1.0e-9_wp        !! of a height, or of an angle: rounding [-]
+  real(wp), parameter :: same_length = 1.0e-12_wp  !! nodes are rounded: lengths that differ by less are one [-]
+
+contains
+
+  !> Gives a body layers, if a section of it has any or shears.
+  subroutine add_layers(d, r, b, faults)
+    type(deck), intent(in) :: d
+    type(body_record), intent(in) :: r
+    type(body_model), intent(inout) :: b
+    type(fault_list), intent(inout) :: faults
+    integer, allocatable :: pair(:, :)       ! (2, sections of the body) section and material
+    integer :: of(b%ne), first(b%ne), e, k, n
+    if (.not. any([(d%sections(r%element_section(e))%shear .or. size(d%sections(r%element_section(e))%layers) > 0, e=1, b%ne)])) &
+      return
+    allocate (b%layers, pair(2, 0))
+    do e = 1, b%ne                           ! sections of the body
+      do k = 1, size(pair, 2)
+        if (all(pair(:, k) == [r%element_section(e), r%element_material(e)])) exit
+      end do
+      if (k > size(pair, 2)) pair = reshape([pair, r%element_section(e), r%element_material(e)], [2, k])
+      of(e) = k
+    end do
+    allocate (b%layers%sections(size(pair, 2)), b%layers%kind(b%ne))
+    do k = 1, size(pair, 2)
+      if (size(d%sections(pair(1, k))%layers) > 0) then
+        call all_layers(d%sections(pair(1, k)), d%materials, r, b%layers%sections(k))
+      else
+        call one_layer(d%sections(pair(1, k)), d%materials(pair(2, k)), pair(2, k), r, b%layers%sections(k))
+      end if
+    end do
+    call check_place(r, b, faults)
+    call find_slots(b)
+    n = 0
+    do e = 1, b%ne                           ! kinds of element: the first of each
+      do k = n, max(1, n - latest + 1), -1
+        if (of(first(k)) /= of(e)) cycle
+        if (abs(b%elements(e)%length - b%elements(first(k))%length) <= same_length*b%elements(e)%length) exit
+      end do
+      if (k < max(1, n - latest + 1)) then
+        n = n + 1
+        first(n) = e
+        k = n
+      end if
+      b%layers%kind(e) = k
+    end do
+    allocate (b%layers%kinds(n))
+    do k = 1, n
+      b%layers%kinds(k) = make_layered_element(b%layers%sections(of(first(k))), of(first(k)), b%elements(first(k))%length, r%axial)
+    end do
+    do e = 1, b%ne
+      associate (g => b%elements(e), section => b%layers%sections(of(e)), kind => b%layers%kinds(b%layers%kind(e)))
+        g%mass = kind%mass
+        g%ea_l = section%stretching/g%length
+        g%ei_l = section%bending/g%length
+        g%softening = kind%softening
+        g%area = sum(section%layers%area)
+        g%second = sum(section%layers%second)
+      end associate
+    end do
+    b%rayleigh = .false.
+    do k = 1, size(b%layers%sections)
+      associate (layers => b%layers%sections(k)%layers)
+        b%rayleigh = b%rayleigh .or. any(layers%ray_m > 0.0_wp .or. layers%ray_k > 0.0_wp)
+      end associate
+    end do
+  end subroutine add_layers
+
+  !> Reports sections whose node line is not where the model needs it.
+  subroutine check_place(r, b, faults)
+    type(body_record), intent(in) :: r
+    type(body_model), intent(in) :: b
+    type(fault_list), intent(inout) :: faults
+    integer :: k
+    logical :: bent                          ! elements meet at an angle
+    bent = any(hypot(b%elements%c - b%elements(1)%c, b%elements%s - b%elements(1)%s) > beside)
+    do k = 1, size(b%layers%sections)
+      associate (s => b%layers%sections(k))
+        associate (low => s%layers(1)%height - 0.5_wp*s%layers(1)%thickness, &
+                   high => s%layers(size(s%layers))%height + 0.5_wp*s%layers(size(s%layers))%thickness)
+          if (bent .and. abs(low + high) > beside*(high - low)) then
+            call r%at%blame(faults, 'elements that meet at an angle have sections whose base is not in the middle, so that '// &
+                        'layers would not meet there; expected the base layer in the middle, or elements in one direction')
+            return
+          end if
+          if (r%axial .or. .not. r%flexible) cycle
+          if (s%cores == 0 .and. abs(s%axis) <= beside*(high - low)) cycle
+          call r%at%blame(faults, 'axial=.false. with cores, or with an axis beside the node line: bending then stretches the '// &
+                      'layers; expected axial=.true.')
+          return
+        end associate
+      end associate
+    end do
+  end subroutine check_place
+
+  !> Gives the cores that lie as many layers above the base one number in the whole body.
+  subroutine find_slots(b)
+    type(body_model), intent(inout) :: b
+    integer, allocatable :: above(:)         ! layers between the base and each core of the body
+    integer :: k, l
+    allocate (above(0))
+    do k = 1, size(b%layers%sections)
+      associate (s => b%layers%sections(k))
+        do l = 1, size(s%layers)
+          if (s%layers(l)%core > 0 .and. .not. any(above == l - s%base)) above = [above, l - s%base]
+        end do
+      end associate
+    end do
+    allocate (b%layers%slot(maxval(b%layers%sections%cores), size(b%layers%sections)), source=0)
+    do k = 1, size(b%layers%sections)
+      associate (s => b%layers%sections(k))
+        do l = 1, size(s%layers)
+          if (s%layers(l)%core > 0) b%layers%slot(s%layers(l)%core, k) = findloc(above, l - s%base, 1)
+        end do
+      end associate
+    end do
+  end subroutine find_slots
+
+  !> A section of layers.
+  subroutine all_layers(r, materials, body, s)
+    type(section_record), intent(in) :: r
+    type(material_record), intent(in) :: materials(:)
+    type(body_record), intent(in) :: body
+    type(layered_section_model), intent(out) :: s
+    real(wp) :: factor                       ! [-]
+    integer :: l
+    s%shears = r%shear
+    s%base = r%base
+    s%core_stretch = r%core_stretch
+    allocate (s%layers(size(r%layers)))
+    do l = 1, size(r%layers)
+      associate (m => materials(r%layers(l)), h => r%thickness(l))
+        s%layers(l) = layer_of(m, r%layers(l), body)
+        s%layers(l)%core = max(0, findloc(r%cores, l, 1))
+        s%layers(l)%thickness = h
+        s%layers(l)%area = r%width*h
+        s%layers(l)%second = r%width*h**3/12
+        s%layers(l)%turning = s%layers(l)%second
+        factor = 1.0_wp
+        if (r%shear) factor = merge(r%shear_factor, shear_coefficient('rectangle', m%poisson, 0.0_wp), r%shear_factor > 0.0_wp)
+        s%layers(l)%shear = factor*s%layers(l)%young/(2*(1 + m%poisson))
+      end associate
+    end do
+    call set_up_section(s)
+  end subroutine all_layers
+
+  !> A section of one material, which shears or not.
+  subroutine one_layer(r, m, material, body, s)
+    type(section_record), intent(in) :: r
+    type(material_record), intent(in) :: m
+    integer, intent(in) :: material          !! its number
+    type(body_record), intent(in) :: body
+    type(layered_section_model), intent(out) :: s
+    real(wp) :: factor                       ! [-]
+    s%shears = r%shear
+    allocate (s%layers(1))
+    s%layers(1) = layer_of(m, material, body)
+    s%layers(1)%thickness = 2*r%fibre
+    s%layers(1)%area = r%area
+    s%layers(1)%second = r%inertia
+    if (r%shear) s%layers(1)%turning = r%inertia
+    factor = r%shear_factor
+    if (.not. factor > 0.0_wp) factor = shear_coefficient(trim(r%shape), m%poisson, r%inner/r%outer)
+    s%layers(1)%shear = factor*s%layers(1)%young/(2*(1 + m%poisson))
+    call set_up_section(s)
+  end subroutine one_layer
+
+  !> What a material gives to a layer.
+  type(section_layer) function layer_of(m, material, body) result(layer)
+    type(material_record), intent(in) :: m
+    integer, intent(in) :: material          !! its number
+    type(body_record), intent(in) :: body
+    type(viscoelastic_terms) :: law
+    law = law_of(m%law)
+    layer%material = material
+    layer%follows = body%viscoelastic .and. law%order() > 0
+    layer%density = m%density
+    layer%young = elastic_modulus(m, body)
+    layer%ray_m = m%rayleigh_mass
+    layer%ray_k = m%rayleigh_stiffness
+  end function layer_of
+
+  !> E_R, or the storage modulus that a body without terms keeps of it.
+  real(wp) function elastic_modulus(m, body) result(young)   ! [Pa]
+    type(material_record), intent(in) :: m
+    type(body_record), intent(in) :: body
+    type(viscoelastic_terms) :: law
+    young = m%young
+    if (body%viscoelastic) return
+    law = law_of(m%law)
+    young = young*(1 + real(law%ratio(cmplx(0.0_wp, 2*pi*body%modulus_at, wp)), wp))
+  end function elastic_modulus
+end module build_layers

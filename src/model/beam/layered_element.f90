@@ -1,0 +1,221 @@
+!> Elements of layered sections and of sections that shear (theory.md, section 16). Coordinates in element axes:
+!> u1 v1 r1 u2 v2 r2, then of each core g1 g2 p: its shear angle at both nodes and the element's own part, which is quadratic.
+!> Deformations in the same order: e phi1 phi2, then g1 g2 p. Strains are at most linear along the element: their mean and
+!> their change make rows whose energies add up, V = 1/2 sum of stiffness times row squared.
+module layered_element
+  use kinds, only: wp
+  use layered_section, only: layered_section_model, most_cores
+  implicit none (type, external)
+  private
+  public :: make_layered_element
+
+  integer, parameter, public :: most_coordinates = 6 + 3*most_cores     !! of an element
+
+  !> Rows and inertia of elements with one section and one length.
+  type, public :: layered_element_model
+    real(wp) :: length = 0.0_wp                !! [m]
+    integer :: section = 0                     !! number among the body's sections
+    integer :: coordinates = 6
+    integer :: deformations = 3
+    real(wp) :: softening = 0.0_wp             !! Phi/(1 + Phi): v' = r - this (phi1 + phi2)/2 [-]
+    real(wp), allocatable :: rows(:, :)        !! (rows, deformations) [-], [m], [1/m]
+    real(wp), allocatable :: stiffness(:)      !! (rows) at E_R [N/m], [N m]
+    real(wp), allocatable :: force(:, :)       !! (deformations, rows): rows^T stiffness [N/m], [N], [N m]
+    integer, allocatable :: layer(:)           !! (rows)
+    integer, allocatable :: material(:)        !! (rows) whose terms follow the row, 0: none
+    logical, allocatable :: angle(:)           !! (rows) the row is an angle
+    logical, allocatable :: shear(:)           !! (rows) shear angle of a core
+    real(wp), allocatable :: strain(:, :)      !! (4, rows) of the layer's lower and upper face at both ends by the row [1/m]
+    real(wp), allocatable :: ray_k(:)          !! (rows) [s]
+    real(wp), allocatable :: m(:, :), j(:, :), z(:, :)   !! translational and rotary inertia, Z [kg, kg m, kg m2]
+    real(wp), allocatable :: c(:, :)           !! Rayleigh damping by the mass [kg/s, ...]
+    real(wp), allocatable :: s(:, :)           !! (2, coordinates) integral of N [kg, kg m]
+    real(wp), allocatable :: along(:)          !! integral of u0 N, u0 from the first node [kg m, kg m2]
+    real(wp), allocatable :: turning(:)        !! integral of (H u0) N and of the layers' turns [kg m, kg m2]
+    real(wp) :: mass = 0.0_wp                  !! [kg]
+    real(wp) :: first = 0.0_wp                 !! of the mass, above the node line [kg m]
+    real(wp) :: second = 0.0_wp                !! about the node line [kg m2]
+  end type layered_element_model
+
+contains
+
+  !> An element of a section; without axial deformation e is no deformation.
+  function make_layered_element(s, number, length, axial) result(x)
+    type(layered_section_model), intent(in) :: s
+    integer, intent(in) :: number              !! of the section
+    real(wp), intent(in) :: length             !! [m]
+    logical, intent(in) :: axial
+    type(layered_element_model) :: x
+    real(wp) :: phi
+    x%length = length
+    x%section = number
+    x%coordinates = 6 + 3*s%cores
+    x%deformations = 3 + 3*s%cores
+    if (s%shears) then
+      phi = 12*s%bending/(sum(s%layers%shear*s%layers%area)*length**2)
+      x%softening = phi/(1 + phi)
+    end if
+    call add_rows(s, axial, x)
+    call add_inertia(s, x)
+  end function make_layered_element
+
+  !> Rows and their stiffness.
+  subroutine add_rows(s, axial, x)
+    type(layered_section_model), intent(in) :: s
+    logical, intent(in) :: axial
+    type(layered_element_model), intent(inout) :: x
+    real(wp), dimension(x%deformations) :: mean, change, difference, turn, own, bubble   ! [-], [m]
+    real(wp) :: stretch, bend, shear, rows(6*size(s%layers), x%deformations), xi, face(4)
+    real(wp), parameter :: one(4) = 1.0_wp, ends(4) = [1.0_wp, 1.0_wp, -1.0_wp, -1.0_wp]   ! of a mean, of a change [-]
+    integer :: l, j, n, p
+    logical :: follows
+    n = 0
+    allocate (x%stiffness(size(rows, 1)), x%ray_k(size(rows, 1)), x%layer(size(rows, 1)), x%material(size(rows, 1)), &
+              x%angle(size(rows, 1)), x%shear(size(rows, 1)), x%strain(4, size(rows, 1)))
+    difference = 0.0_wp
+    difference(2:3) = [-1.0_wp, 1.0_wp]
+    turn = 0.0_wp
+    turn(2:3) = 0.5_wp
+    bubble = -1.5_wp*(1 - x%softening)*turn    ! q of theory.md
+    do l = 1, size(s%layers)
+      associate (layer => s%layers(l))
+        stretch = layer%young*layer%area/x%length
+        bend = layer%young*layer%second/x%length
+        shear = layer%shear*layer%area*x%length
+        face = 0.5_wp*layer%thickness*[-1, 1, -1, 1]
+        mean = -layer%height*difference
+        if (axial) mean(1) = 1.0_wp
+        if (s%cores == 0) then                 ! both changes follow the same deformation, as the shear does
+          call add(l, mean, stretch, one, layer%follows)
+          call add(l, difference, bend, -face, layer%follows, .true.)
+          bend = 12*(1 - x%softening)**2*(bend + stretch*(s%axis - layer%height)**2)
+          if (s%shears) bend = bend + shear*x%softening**2
+          call add(l, turn, bend, -6*(1 - x%softening)*ends*(s%axis - layer%height - face), layer%follows, .true.)
+          cycle
+        end if
+        change = (s%axis - layer%height)*bubble
+        do j = 1, s%cores
+          p = 3 + 3*j
+          mean(p - 2:p - 1) = s%arm(l, j)*[-1.0_wp, 1.0_wp]
+          change(p) = s%arm(l, j) - s%axis_arm(j)
+        end do
+        follows = layer%follows .and. (layer%core == 0 .or. s%core_stretch)
+        call add(l, mean, stretch, one, follows)
+        call add(l, 4*change, stretch/3, ends, follows)
+        mean = difference
+        change = bubble
+        if (layer%core > 0) then
+          p = 3 + 3*layer%core
+          mean(p - 2:p - 1) = [1.0_wp, -1.0_wp]
+          change(p) = -1.0_wp
+        end if
+        call add(l, mean, bend, -face, follows, .true.)
+        call add(l, 4*change, bend/3, -face*ends, follows, .true.)
+        if (layer%core == 0) cycle
+        do j = 1, 2                            ! two points: the third mode of a quadratic angle stores nothing
+          xi = 0.5_wp + (j - 1.5_wp)/sqrt(3.0_wp)
+          own = 0.0_wp
+          own(p - 2:p) = [1 - xi, xi, 4*xi*(1 - xi)]
+          call add(l, own, shear/2, 0*one, layer%follows, .true.)
+          x%shear(n) = .true.
+        end do
+      end associate
+    end do
+    x%rows = rows(1:n, :)
+    x%stiffness = x%stiffness(1:n)
+    x%ray_k = x%ray_k(1:n)
+    x%layer = x%layer(1:n)
+    x%material = x%material(1:n)
+    x%angle = x%angle(1:n)
+    x%shear = x%shear(1:n)
+    x%strain = x%strain(:, 1:n)
+    x%force = transpose(x%rows)*spread(x%stiffness, 1, x%deformations)
+  contains
+    !> Adds a row, unless nothing moves it.
+    subroutine add(l, row, stiffness, strain, follows, angle)
+      integer, intent(in) :: l
+      real(wp), intent(in) :: row(:)           !! [-], [m]
+      real(wp), intent(in) :: stiffness        !! [N/m], [N m]
+      real(wp), intent(in) :: strain(4)        !! of the faces at both ends, times the length [-], [m]
+      logical, intent(in) :: follows           !! the layer's terms follow the row
+      logical, intent(in), optional :: angle   !! the row is an angle
+      if (.not. any(abs(row) > 0.0_wp)) return
+      n = n + 1
+      rows(n, :) = row
+      x%stiffness(n) = stiffness
+      x%ray_k(n) = s%layers(l)%ray_k
+      x%layer(n) = l
+      x%material(n) = merge(s%layers(l)%material, 0, follows)
+      x%angle(n) = present(angle)
+      x%strain(:, n) = strain/x%length
+      x%shear(n) = .false.
+    end subroutine add
+  end subroutine add_rows
+
+  !> Integrals over the mass by four points, which are exact (theory.md, sections 2 and 16).
+  pure subroutine add_inertia(s, x)
+    type(layered_section_model), intent(in) :: s
+    type(layered_element_model), intent(inout) :: x
+    real(wp), parameter :: points(2) = [0.339981043584856264802665759103_wp, 0.861136311594052575223946488893_wp]
+    real(wp), parameter :: weights(2) = [0.652145154862546142626936050778_wp, 0.347854845137453857373063949222_wp]
+    real(wp), dimension(x%coordinates) :: u, v, turn, half_turn, w, shift, own, dv   ! rows [-], [m], [1/m]
+    real(wp) :: xi, b, mass, inertia, m(x%coordinates, x%coordinates), r(x%coordinates, x%coordinates)
+    integer :: k, l, j, p, n
+    n = x%coordinates
+    allocate (x%m(n, n), x%j(n, n), x%z(n, n), x%c(n, n), x%s(2, n), x%along(n), x%turning(n), source=0.0_wp)
+    half_turn = 0.0_wp                         ! (phi1 + phi2)/2
+    half_turn([2, 3, 5, 6]) = [1/x%length, 0.5_wp, -1/x%length, 0.5_wp]
+    do k = 1, 4
+      xi = 0.5_wp + sign(0.5_wp, k - 2.5_wp)*points(1 + mod(k, 2))
+      b = 4*xi*(1 - xi)
+      v = 0.0_wp                               ! cubic with the slopes r - softening (phi1 + phi2)/2 at its ends
+      v([2, 3, 5, 6]) = [(1 - xi)**2*(1 + 2*xi), x%length*xi*(1 - xi)**2, xi**2*(3 - 2*xi), -x%length*xi**2*(1 - xi)]
+      v = v - x%length*xi*(1 - xi)*(1 - 2*xi)*x%softening*half_turn
+      turn = 0.0_wp                            ! v' + g~ = (1 - xi) r1 + xi r2 + q B
+      turn([3, 6]) = [1 - xi, xi]
+      turn = turn - 1.5_wp*(1 - x%softening)*b*half_turn
+      u = 0.0_wp
+      u([1, 4]) = [1 - xi, xi]
+      u = u - 1.5_wp*(1 - x%softening)*b*s%axis*half_turn
+      do j = 1, s%cores
+        u(6 + 3*j) = -b*s%axis_arm(j)
+      end do
+      do l = 1, size(s%layers)
+        associate (layer => s%layers(l))
+          mass = layer%density*layer%area*x%length*0.5_wp*weights(1 + mod(k, 2))
+          inertia = layer%density*layer%turning*x%length*0.5_wp*weights(1 + mod(k, 2))
+          shift = -layer%height*turn
+          own = turn
+          do j = 1, s%cores
+            p = 6 + 3*j
+            dv = 0.0_wp
+            dv(p - 2:p) = [1 - xi, xi, b]
+            shift = shift + s%arm(l, j)*dv
+            if (layer%core == j) own = own - dv
+          end do
+          w = u + shift
+          m = mass*(outer(u, u) + outer(u, shift) + outer(shift, u) + outer(v, v))
+          r = mass*outer(shift, shift) + inertia*outer(own, own)
+          x%m = x%m + m
+          x%j = x%j + r
+          x%c = x%c + layer%ray_m*(m + r)
+          x%z = x%z + mass*(outer(w, v) - outer(v, w))
+          x%s(1, :) = x%s(1, :) + mass*w
+          x%s(2, :) = x%s(2, :) + mass*v
+          x%along = x%along + mass*(x%length*xi*w + layer%height*v)
+          x%turning = x%turning + mass*(x%length*xi*v - layer%height*w) + inertia*own
+          x%mass = x%mass + mass
+          x%first = x%first + mass*layer%height
+          x%second = x%second + mass*layer%height**2 + inertia
+        end associate
+      end do
+    end do
+  end subroutine add_inertia
+
+  !> a b^T.
+  pure function outer(a, b) result(m)
+    real(wp), intent(in) :: a(:), b(:)         !! [any]
+    real(wp) :: m(size(a), size(b))            !! [any]
+    m = spread(a, 2, size(b))*spread(b, 1, size(a))
+  end function outer
+end module layered_element

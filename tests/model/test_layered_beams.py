@@ -1,0 +1,201 @@
+"""Beams of layers and beams that shear against closed forms: frequencies, loss factors, static deflections, section forces.
+
+The matrices themselves are held by the independent model (`test_accelerations.py`, `test_linearisation.py`); here is what they
+converge to, and how fast.
+"""
+
+import numpy as np
+import pytest
+from biela.histories import read
+
+STEEL = "&material name='steel' density=7850.0 young=2.1e11 /\n"
+GHM = "ghm_alpha=1.5 ghm_zeta=1.0 ghm_omega=1500.0"
+
+
+def ratio(s):
+    """Return E(s)/E_R of GHM."""
+    return 1 + 1.5 * (s**2 + 3000.0 * s) / (s**2 + 3000.0 * s + 1500.0**2)
+
+
+@pytest.fixture
+def poles(run_deck):
+    """Return a function that gives the damped poles of a deck's first modes, undamped ones where it has no terms [rad/s]."""
+
+    def of(deck, count):
+        table = read(run_deck(deck + f"&modal modes={count} /\n").folder, "modes")
+        kind = np.asarray(table["kind"])
+        chosen = kind == (1 if np.any(kind == 1) else 0)
+        return (np.asarray(table["real"]) + 1j * np.asarray(table["imag"]))[chosen]
+
+    return of
+
+
+def timoshenko(n, length, ei, mass, turning, shear):
+    """Return the n-th bending frequency of a simply supported Timoshenko beam [rad/s], by the quadratic of omega squared."""
+    k = n * np.pi / length
+    a, b, c = mass * turning / shear, -(mass + turning * k**2 + mass * ei * k**2 / shear), ei * k**4
+    return np.sqrt((-b - np.sqrt(b**2 - 4 * a * c)) / (2 * a))
+
+
+@pytest.mark.parametrize(("height", "published"), [(0.1, (3.11568, 6.09066, 8.84052)), (0.2, (3.04533, 5.67155, 7.83952))])
+def test_a_beam_that_shears_converges_to_timoshenko(poles, height, published):
+    """Lee & Schultz (J. Sound Vib. 269, 2004); order 2."""
+    exact = [
+        timoshenko(n, 1.0, 2.1e11 * height**3 / 12, 7850 * height, 7850 * height**3 / 12, 5 / 6 * 2.1e11 / 2.6 * height)
+        for n in (1, 2, 3)
+    ]
+    unit = np.sqrt(2.1e11 * height**2 / 12 / 7850)
+    np.testing.assert_allclose(np.sqrt(np.array(exact) / unit), published, rtol=2e-6)
+    errors = []
+    for elements in (20, 40):
+        found = poles(
+            STEEL + f"&section name='s' shape='rectangle' width=1.0 height={height} shear=.true. shear_factor={{5/6}} /\n"
+            f"&body name='b' kind='beam' length=1.0 elements={elements} material='steel' section='s' axial=.false. /\n"
+            "&joint name='a' type='revolute' body_a='b' node_a=1 /\n"
+            "&joint name='c' type='slider' body_a='b' node_a=-1 /\n",
+            3,
+        ).imag
+        errors.append(found / exact - 1)
+    assert np.all(np.abs(errors[1]) < 3e-3)
+    order = np.log2(errors[0] / errors[1])
+    assert np.all(np.abs(order - 2) < 0.05), order
+
+
+@pytest.mark.parametrize(
+    "section", ["shape='rectangle' width=0.02 height=0.1", "shape='circle' diameter=0.1", "shape='tube' outer=0.1 inner=0.08"]
+)
+@pytest.mark.parametrize("elements", [1, 3])
+def test_static_deflection_of_a_short_beam_is_exact(run_deck, section, elements):
+    """F L^3/3EI + F L/kGA at the tip whatever the mesh, k by Cowper; moments and shear force from equilibrium."""
+    nu, m = 0.25, 0.8 if "tube" in section else 0.0
+    factor = 10 * (1 + nu) / (12 + 11 * nu)
+    area, second = 0.002, 0.02 * 0.1**3 / 12
+    if "rectangle" not in section:
+        area, second = np.pi / 4 * 0.1**2 * (1 - m**2), np.pi / 64 * 0.1**4 * (1 - m**4)
+        factor = 6 * (1 + nu) * (1 + m**2) ** 2 / ((7 + 6 * nu) * (1 + m**2) ** 2 + (20 + 12 * nu) * m**2)
+    run = run_deck(
+        "&material name='steel' density=7850.0 young=2.1e11 poisson=0.25 /\n"
+        f"&section name='s' {section} shear=.true. /\n"
+        f"&body name='b' kind='beam' length=0.3 elements={elements} material='steel' section='s' reference='clamped' /\n"
+        "&joint name='w' type='weld' body_a='b' node_a=1 /\n"
+        "&force name='f' type='force' body='b' node=-1 fy=100.0 /\n"
+        "&sensor name='tip' quantity='deflection' body='b' node=-1 /\n"
+        "&sensor name='in' quantity='internal' body='b' element=1 /\n&static /\n"
+    )
+    last = {name: np.asarray(column)[-1] for name, column in read_static(run).items()}
+    flexible = 100 * 0.3**3 / (3 * 2.1e11 * second) + 100 * 0.3 / (factor * 2.1e11 / 2.5 * area)
+    assert last["tip.v"] == pytest.approx(flexible, rel=1e-9)
+    assert last["tip.r"] == pytest.approx(100 * 0.3**2 / (2 * 2.1e11 * second), rel=1e-9)
+    assert last["in.m1"] == pytest.approx(30.0, rel=1e-9)
+    assert last["in.q"] == pytest.approx(100.0, rel=1e-9)
+
+
+def read_static(run):
+    """Return the columns of the equilibrium."""
+    table = read(run.folder, "static")
+    return {name: table[name] for name in table.names}
+
+
+@pytest.mark.parametrize(("thick", "soft", "published"), [(1.0, 0.01, 0.113039), (3.0, 0.01, 0.607575), (2.0, 0.1, 0.700855)])
+def test_a_free_layer_damps_as_oberst_says(poles, thick, soft, published):
+    """Eta of two bonded layers over that of the upper one (Oberst & Frankenfeld, Acustica 2, 1952), by the modulus at the pole."""
+    deck = STEEL + (
+        f"&material name='layer' density=1000.0 young={soft * 2.1e11} prony_alpha=1.0 prony_tau=1.0 /\n"
+        f"&section name='s' layers='steel','layer' thickness=3e-3,{thick * 3e-3} width=0.02 /\n"
+        "&body name='b' kind='beam' length=0.3 elements=16 section='s' /\n"
+        "&joint name='a' type='revolute' body_a='b' node_a=1 /\n&joint name='c' type='slider' body_a='b' node_a=-1 /\n"
+    )
+
+    def bending(e2):
+        h1, h2 = 3e-3, thick * 3e-3
+        z = e2 * h2 * (h1 + h2) / 2 / (2.1e11 * h1 + e2 * h2)
+        return 2.1e11 * (h1**3 / 12 + h1 * z**2) + e2 * (h2**3 / 12 + h2 * ((h1 + h2) / 2 - z) ** 2)
+
+    loss = bending(soft * 2.1e11 * (1 + 0.5j))
+    assert loss.imag / loss.real / 0.5 == pytest.approx(published, rel=2e-6)
+    (found,) = poles(deck, 1)
+    # fixed point s^2 (mass + rotary inertia k^2) + B(E(s)) k^4 = 0; Z of the upper layer is in both inertias
+    k = np.pi / 0.3
+    h1, h2 = 3e-3, thick * 3e-3
+    mass = 7850 * h1 + 1000 * h2
+    s = found
+    for _ in range(60):
+        e2 = soft * 2.1e11 * (1 + s / (1 + s))
+        z = e2 * h2 * (h1 + h2) / 2 / (2.1e11 * h1 + e2 * h2)
+        turning = 7850 * h1**3 / 12 + 1000 * h2**3 / 12 + 1000 * h2 * ((h1 + h2) / 2 - z) ** 2 + 7850 * h1 * z**2
+        s = 1j * np.sqrt(bending(e2) * k**4 / (mass + turning * k**2))
+    assert abs(found / s - 1) < 1e-3
+
+
+def sandwich(k, shear, faces, core):
+    """Return omega^2 by Mead & Markus of the wave number k: (E, h, rho) of the faces, (h, rho) of the core."""
+    (e1, h1, r1), (e3, h3, r3) = faces
+    h2, r2 = core
+    d = h2 + (h1 + h3) / 2
+    bend = (e1 * h1**3 + e3 * h3**3) / 12
+    g = shear / h2 * (1 / (e1 * h1) + 1 / (e3 * h3))
+    y = d**2 * e1 * h1 * e3 * h3 / (e1 * h1 + e3 * h3) / bend
+    return bend * k**4 * (1 + y * g / (g + k**2)) / (r1 * h1 + r2 * h2 + r3 * h3)
+
+
+def test_a_constrained_layer_converges_to_mead_and_markus_with_order_four(poles):
+    """A soft, light core and slender faces: stretch and rotary inertia of the layers count for less than 1e-4 of a pole."""
+    faces, core = ((2.1e11, 2e-3, 7850.0), (7e10, 0.5e-3, 2700.0)), (0.25e-3, 10.0)
+    exact = []
+    for n in (1, 2):
+        s = 100j
+        for _ in range(200):
+            s = 1j * np.sqrt(sandwich(n * np.pi / 2.0, 4e5 * ratio(s), faces, core))
+        exact.append(s)
+    errors = []
+    for elements in (2, 4, 32):
+        found = poles(
+            STEEL + "&material name='alu' density=2700.0 young=7e10 /\n"
+            f"&material name='tape' density=10.0 shear_modulus=4e5 poisson=0.49 {GHM} /\n"
+            "&section name='s' layers='steel','tape','alu' thickness=2e-3,0.25e-3,0.5e-3 width=0.02 /\n"
+            f"&body name='b' kind='beam' length=2.0 elements={elements} section='s' /\n"
+            "&joint name='a' type='revolute' body_a='b' node_a=1 /\n&joint name='c' type='slider' body_a='b' node_a=-1 /\n",
+            2,
+        )
+        errors.append(found)
+    np.testing.assert_allclose(errors[2], exact, rtol=1e-4)
+    order = np.log2(abs(errors[0] - errors[2]) / abs(errors[1] - errors[2]))
+    assert np.all(order > 3.7), order
+
+
+SCENE = (
+    STEEL + f"&material name='tape' density=1000.0 shear_modulus=4e5 poisson=0.49 {GHM} prony_alpha=0.5 prony_tau=2e-3 /\n"
+    "&section name='bare' layers='steel' thickness=5e-3 width=0.025 /\n"
+    "&section name='clad' layers='steel','tape','steel' thickness=5e-3,0.3e-3,1.5e-3 width=0.025 /\n"
+    "&body name='arm' kind='beam' length=0.4 elements=4 element_section='bare',2*'clad','bare' reference='clamped'\n"
+    "  stiffening=.true. /\n"
+    "&lump body='arm' node=-1 mass=0.1 /\n&joint name='pin' type='revolute' body_a='arm' node_a=1 /\n"
+    "&history name='turn' kind='ramp' start_value=0.0 end_value=0.5 start=0.0 finish=0.02 /\n"
+    "&drive name='motor' type='rotation' body_a='arm' history='turn' /\n"
+    "&sensor name='tip' quantity='deflection' body='arm' node=-1 /\n"
+    "&sensor name='motor' quantity='reaction' drive='motor' /\n&sensor name='arm' quantity='energy' body='arm' /\n"
+    "&sensor name='edge' quantity='slip' body='arm' node=2 /\n"
+    "&sensor name='tape' quantity='layer' body='arm' element=2 layer=2 /\n"
+)
+
+
+def test_all_methods_agree_and_energies_balance(run_deck):
+    """An arm with a cover over a part of it is turned; the reference is radau at a fine tolerance."""
+    settings = {
+        "fine": ("method='radau' tolerance=1e-10", 0.0),
+        "rk4": ("method='rk4' step=1e-6", 2e-6),
+        "dopri5": ("method='dopri5' tolerance=1e-8", 2e-6),
+        "radau": ("method='radau' tolerance=1e-7", 1e-5),
+        "alpha": ("method='generalized_alpha' step=5e-6 spectral_radius=0.9", 2e-3),
+    }
+    columns = {}
+    for name, (words, allowed) in settings.items():
+        run = run_deck(SCENE + f"&transient t_end=4e-3 {words} output_step=2e-4 /\n")
+        columns[name] = {column: np.asarray(run.history[column]) for column in run.history.names}
+        residual = np.abs(np.asarray(run.energy["residual"])).max()
+        assert residual < max(allowed, 1e-7) * np.ptp(columns[name]["arm.strain"])
+        for column, fine in columns["fine"].items():
+            if column not in ("motor.fx", "motor.fy"):
+                assert np.abs(columns[name][column] - fine).max() <= allowed * np.ptp(fine), (name, column)
+    assert np.ptp(columns["fine"]["edge.g1"]) > 1e-6
+    assert np.ptp(columns["fine"]["tape.tau"]) > 1.0
