@@ -57,7 +57,9 @@ TWINS    := $(foreach name,small_matrices banded band_lu elastic_block border_ro
 COMPLEX  := $(patsubst %,$(B)/twin/complex_%,$(notdir $(TWINS)))
 # modules from the table of keys
 KEYS     := $(if $(wildcard src/deck/keys.txt),$(addprefix $(B)/deck/,deck_keys.f90 deck_values.f90 deck_take.f90))
-MADE     := $(COMPLEX) $(KEYS)
+VERSION  := $(B)/output/program_version.f90
+NUMBER   := $(shell sed -n 's/^version = "\([^"]*\)".*/\1/p' pyproject.toml)
+MADE     := $(COMPLEX) $(KEYS) $(VERSION)
 MAIN     := $(B)/main.o
 OBJECTS  := $(filter-out $(MAIN),$(SOURCES:src/%.f90=$(B)/%.o)) $(MADE:.f90=.o) $(SYSTEM)
 LIBRARY  := $(B)/libbiela.a
@@ -87,7 +89,7 @@ all: $(BIELA)                      ## bin/biela
 install: $(BIELA)                  ## the program, its manual page and completions for bash and zsh, below PREFIX
 	@install -d $(dir $(INSTALLED))
 	install -m 755 $(BIELA) $(word 1,$(INSTALLED))
-	install -m 644 share/biela.1 $(word 2,$(INSTALLED))
+	sed '1s/"biela"/"biela $(NUMBER)"/' share/biela.1 > $(word 2,$(INSTALLED)) && chmod 644 $(word 2,$(INSTALLED))
 	install -m 644 share/biela.bash $(word 3,$(INSTALLED))
 	install -m 644 share/_biela $(word 4,$(INSTALLED))
 uninstall:                         ## removes what `make install` put below the same PREFIX (and DESTDIR)
@@ -193,6 +195,10 @@ $(foreach file,$(TWINS),$(eval $(call twin,$(file))))
 TABLE    := src/deck/keys.awk src/deck/keys.txt
 $(KEYS): $(B)/deck/%.f90: $(TABLE) src/deck/keys_fortran.awk
 	@mkdir -p $(@D); awk -v make=$* -f src/deck/keys.awk -f src/deck/keys_fortran.awk src/deck/keys.txt > $@.new && mv $@.new $@
+
+$(VERSION): pyproject.toml
+	@mkdir -p $(@D); printf '!> The number of this version.\nmodule program_version\n  implicit none (type, external)\n  private\n  %s\nend module program_version\n' \
+	  "character(*), parameter, public :: version = '$(NUMBER)'" > $@.new && mv $@.new $@
 
 # --- objects, the archive of all modules, programs; -J writes the .mod file beside every other one, and leaves one that
 # would not change as it is: what uses a module is compiled again where its interface has changed, not its inside

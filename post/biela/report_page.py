@@ -434,8 +434,9 @@ class Report:
     html: str
     findings: dict[str, dict[str, str]]
 
-    def save(self, path: Path) -> Path:
+    def save(self, path: str | Path) -> Path:
         """Write the page; HistoryError where it cannot be written."""
+        path = Path(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(self.html, encoding="utf-8")

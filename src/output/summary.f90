@@ -8,12 +8,11 @@ module summary
   use mechanism, only: mechanism_model
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
+  use program_version, only: version
   use text, only: either, joined, to_text
   implicit none (type, external)
   private
   public :: model_lines, version
-
-  character(*), parameter :: version = '0.1.0'   !! of the program
 
 contains
 

@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 
+import biela as package_of_project
 import pytest
 from conftest import ROOT
 
@@ -91,6 +92,11 @@ def test_make_install_and_uninstall(tmp_path):
     shared = {"man/man1/biela.1", "bash-completion/completions/biela", "zsh/site-functions/_biela"}
     assert found == {"bin/biela", *(f"share/{name}" for name in shared)}
     assert os.access(tmp_path / "opt/b/bin/biela", os.X_OK)
+    told = subprocess.run([tmp_path / "opt/b/bin/biela", "--version"], capture_output=True, text=True, check=True).stdout
+    number = package_of_project.__version__
+    assert told == f"biela {PROJECT['version']}\n"
+    assert number == PROJECT["version"]
+    assert f'"biela {number}"' in (tmp_path / "opt/b/share/man/man1/biela.1").read_text()
     (tmp_path / "opt/b/bin/other").touch()
     make("uninstall")
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["other"]

@@ -24,7 +24,7 @@ MAY_USE = {
     "analysis": {"base", "algebra", "deck", "model", "build", "system", "closing", "integrate", "modes", "stability", "output"},
     ".": {"base", "algebra", "analysis"},
 }
-FROM_KEYS = {"deck_keys", "deck_values", "deck_take"}  # modules that the Makefile makes (KEYS)
+FROM_KEYS = {"deck_keys", "deck_values", "deck_take"}  # modules that the Makefile makes (KEYS, VERSION)
 MODULE = re.compile(r"^\s*module\s+(?!procedure\b|subroutine\b|function\b)(\w+)\s*(?:!.*)?$", re.IGNORECASE | re.MULTILINE)
 USE = re.compile(r"^\s*use\b\s*(?:,\s*(intrinsic)\s*)?(?:::)?\s*(\w+)", re.IGNORECASE | re.MULTILINE)
 
@@ -44,7 +44,7 @@ def faults(src: Path) -> list[str]:
     texts = sources(src)
     home = {name.lower(): path for path, text in texts.items() for name in MODULE.findall(text)}
     home |= {f"complex_{name}": path for name, path in home.items() if "real(number)" in texts[path]}  # the Makefile's TWINS
-    home |= dict.fromkeys(FROM_KEYS, src / "deck" / "keys.txt")
+    home |= {**dict.fromkeys(FROM_KEYS, src / "deck" / "keys.txt"), "program_version": src / "output" / "summary.f90"}
     found = []
     for path, text in texts.items():
         folder = layer(path, src)

@@ -66,6 +66,16 @@ def test_commands_work_as_they_are_written(clone, capsys):
             assert (clone / path.rstrip(",")).stat().st_size > 0, line
 
 
+def test_the_examples_in_python_run_as_they_stand(clone, capsys, monkeypatch):
+    monkeypatch.setenv("BIELA", str(clone / "bin" / "biela"))
+    lines = (ROOT / "post" / "EXAMPLES.md").read_text(encoding="utf-8").splitlines()
+    exec("\n".join(line[4:] for line in lines if line.startswith("    ")), {})
+    told = capsys.readouterr()
+    assert told.err == ""
+    assert "N m more for the motor" in told.out
+    assert "polymer" in (clone / "page.html").read_text(encoding="utf-8")
+
+
 def typed(page: str) -> list[str]:
     """Return what a page has typed: its indented lines, a file that `cat` writes as one command."""
     lines = [line[4:] for line in (ROOT / page).read_text(encoding="utf-8").splitlines() if line.startswith("    ") or not line]
