@@ -55,7 +55,7 @@ class Machine:
         for name in ("make", "find", "nproc", "sed", "awk", "touch", "mv", "ar", "install"):
             if not (self.bin / name).exists():
                 (self.bin / name).symlink_to(shutil.which(name))
-        for name in ("Makefile", "share"):
+        for name in ("Makefile", "share", "pyproject.toml"):
             (self.project / name).unlink(missing_ok=True)
             (self.project / name).symlink_to(ROOT / name)
         (self.project / "requirements.txt").write_text("")
