@@ -55,7 +55,7 @@ class Scalar:
         period: whole ones count: its length [s], or the name of a column of the file that holds an angle [rad], a turn of which
             is one; 0: all rows count
         periods: how many, the last ones; 0: all that the rows hold
-        order: of `order`: parts of a period that its vibration takes, 1 once in each
+        order: of `order`: how often it vibrates in a period; without a period all rows are one
         reference: of `rms` and `order`: the number is the level of the rms value in dB, 20 lg(rms/reference) [unit of the column]
         strength: of `damage`: amplitude that the material bears `cycles` times [unit of the column]
         cycles: of `strength`
@@ -122,7 +122,7 @@ class Scalar:
         for word, measures in (("reference", ("rms", "order")), ("order", ("order",)), ("strength", ("damage",))):
             if getattr(self, word) and self.measure not in measures:
                 raise ValueError(f"{word} belongs to measure = {' or '.join(map(repr, measures))}")
-        for measure, words in (("order", ("order", "period")), ("damage", ("strength", "cycles", "slope"))):
+        for measure, words in (("order", ("order",)), ("damage", ("strength", "cycles", "slope"))):
             if self.measure == measure and not all(getattr(self, word) for word in words):
                 raise ValueError(f"measure = {measure!r} needs {', '.join(words)}")
         if self.measure == "misfit" and not self.measured:
@@ -191,7 +191,7 @@ class Scalar:
         if not values.size:
             return np.nan
         if self.measure == "order":
-            turn = axis / self.period if angle is None else np.interp(axis, all_rows, angle) / (2.0 * np.pi)
+            turn = axis / (self.period or np.ptp(axis)) if angle is None else np.interp(axis, all_rows, angle) / (2.0 * np.pi)
             return self._level(order(turn, values, self.order), np.sqrt(2.0))
         simple = {
             "peak": lambda: self.extremes(axis, values)[0][1],

@@ -208,7 +208,7 @@ def test_the_damage_of_a_sine_is_known():
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ({"measure": "order", "order": 2.0}, "measure = 'order' needs order, period"),
+        ({"measure": "order", "period": 2.0}, "measure = 'order' needs order"),
         ({"measure": "damage", "strength": 1.0}, "measure = 'damage' needs strength, cycles, slope"),
         ({"measure": "peak", "reference": 1.0}, "reference belongs to measure = 'rms' or 'order'"),
         ({"measure": "settling_time", "within": -1.0}, "within = -1.0: a number expected, 0 or more"),
