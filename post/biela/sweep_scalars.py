@@ -468,7 +468,8 @@ def _values(scalar: Scalar, table: tuple) -> tuple[np.ndarray, np.ndarray | None
 def _of_mode(folder: Path, scalar: Scalar) -> float:
     """Return frequency [Hz] or damping ratio of the vibration whose shape is most like that of the scalar; else of its number.
 
-    Likeness is the modal assurance criterion (Allemang & Brown 1982) of the displacements of frames and nodes.
+    Likeness is the modal assurance criterion (Allemang & Brown 1982) of the displacements of frames and nodes. Of orthogonal shapes one
+    alone is more than half like another. ValueError where none is: which of them the vibration has become is not known.
     """
     try:
         table = read(folder, "modes")
@@ -480,7 +481,10 @@ def _of_mode(folder: Path, scalar: Scalar) -> float:
         if shapes.shape[1:] != followed.shape:
             raise ValueError("modes.txt: other bodies or meshes than the study's deck, whose shapes cannot be followed")
         sizes = np.linalg.norm(shapes, axis=1) * np.linalg.norm(followed)
-        row = rows[int(np.argmax(np.abs(shapes.conj() @ followed) / np.where(sizes > 0.0, sizes, 1.0)))]
+        likeness = (np.abs(shapes.conj() @ followed) / np.where(sizes > 0.0, sizes, 1.0)) ** 2
+        if likeness.max() < 0.5:
+            raise ValueError(f"no vibration is like mode {scalar.mode} of the study's deck (the nearest by {likeness.max():.2g})")
+        row = rows[int(np.argmax(likeness))]
     elif scalar.mode <= len(rows):
         row = rows[scalar.mode - 1]
     else:

@@ -300,6 +300,18 @@ def test_cycles_follow_a_branch(study, tmp_path, run_deck):
     assert found[-1][1] > 5 * rest
 
 
+def test_a_shape_that_no_vibration_has_is_told(run_deck):
+    """A vibration with a motion that no mass has, 1.5 times its size: its likeness is 1/(1 + 1.5^2)."""
+    run = run_deck(OSCILLATORS)
+    _, shapes = sweep_scalars.vibrations(read(run.folder, "modes"))
+    across = np.zeros(shapes.shape[1])
+    across[1] = 1.0  # no mass moves that way
+    mixed = shapes[0] / np.linalg.norm(shapes[0]) + 1.5 * across
+    parts = tuple(float(x) for value in mixed for x in (value.real, value.imag))
+    with pytest.raises(ValueError, match=r"no vibration is like mode 1 of the study's deck \(the nearest by 0\.31\)"):
+        sweep_scalars.measure(run.folder, (Scalar("f", "frequency", mode=1, shape=parts),))
+
+
 def test_solvers_end_with_a_sweep_that_is_killed(study, biela, tmp_path):
     study(STUDY, "--no-pictures")
     deck = tmp_path / "arm.nml"
