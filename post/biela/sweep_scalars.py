@@ -468,8 +468,8 @@ def _values(scalar: Scalar, table: tuple) -> tuple[np.ndarray, np.ndarray | None
 def _of_mode(folder: Path, scalar: Scalar) -> float:
     """Return frequency [Hz] or damping ratio of the vibration whose shape is most like that of the scalar; else of its number.
 
-    Likeness is the modal assurance criterion (Allemang & Brown 1982) of the displacements of frames and nodes. Of orthogonal shapes one
-    alone is more than half like another. ValueError where none is: which of them the vibration has become is not known.
+    Likeness is the modal assurance criterion (Allemang & Brown 1982) of the displacements of frames and nodes. Of orthogonal
+    shapes one alone is more than half like another. ValueError where none is: which of them it has become is not known.
     """
     try:
         table = read(folder, "modes")
