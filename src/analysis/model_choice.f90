@@ -25,7 +25,7 @@ module model_choice
 
 contains
 
-  !> Until modes='auto' is settled it is the whole mesh.
+  !> Until the number of modes='auto' is found it is the whole mesh.
   subroutine begin_model(d)
     type(deck), intent(inout) :: d
     integer :: k
@@ -51,8 +51,8 @@ contains
     n = min(n, most_modes)
   end function modes_of_mesh
 
-  !> Settles modes='auto', and finds the errors of left-out modes and of meshes, where the deck asks for any of these; a restart has
-  !> what the first run found. The scene is then built anew.
+  !> Finds the number of modes='auto' and the errors of left-out modes and of meshes, where the deck asks for any of these; a
+  !> restart has what the first run found. The scene is then built anew.
   subroutine choose_model(run, fail)
     type(run_state), intent(inout) :: run
     type(failure), intent(inout) :: fail

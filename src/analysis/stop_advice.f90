@@ -47,8 +47,8 @@ contains
     if (m%s%markers(marker)%body == 0) return
     associate (body => m%s%bodies(m%s%markers(marker)%body))
       if (.not. body%flexible) return
-      if (time < pi/max(body%basis%carried, sqrt(tiny(1.0_wp)))) text = 'less than half a period of what the mesh or modes of '// &
-        'body "'//trim(body%name)//'" can carry ('//to_text(body%basis%carried)//' rad/s)'
+      if (time < pi/max(body%basis%top_frequency, sqrt(tiny(1.0_wp)))) text = 'less than half a period of what the mesh or '// &
+        'modes of body "'//trim(body%name)//'" can carry ('//to_text(body%basis%top_frequency)//' rad/s)'
     end associate
   end function cannot_follow
 

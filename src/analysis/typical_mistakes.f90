@@ -73,17 +73,17 @@ contains
     type(deck), intent(in) :: d
     logical :: turns
     turns = any(d%drives%type == 'rotation') .or. any(d%bodies%angular_velocity_stated)
-    call look(d%bodies%at, 'angle', d%bodies%angle, turns)
-    call look(d%joints%at, 'direction', d%joints%direction, .false.)
-    call look(d%drives%at, 'direction', d%drives%direction, .false.)
-    call look(d%springs%at, 'free_angle', merge(d%springs%free, 0.0_wp, d%springs%type == 'torsional'), .true.)
-    call look(d%stops%at, 'direction', d%stops%direction, .false.)
-    call look(d%stops%at, 'lower', merge(d%stops%lower, 0.0_wp, d%stops%type == 'rotation'), turns)
-    call look(d%stops%at, 'upper', merge(d%stops%upper, 0.0_wp, d%stops%type == 'rotation'), turns)
-    call look(d%histories%at, 'phase', d%histories%phase, .false.)
+    call check_angle(d%bodies%at, 'angle', d%bodies%angle, turns)
+    call check_angle(d%joints%at, 'direction', d%joints%direction, .false.)
+    call check_angle(d%drives%at, 'direction', d%drives%direction, .false.)
+    call check_angle(d%springs%at, 'free_angle', merge(d%springs%free, 0.0_wp, d%springs%type == 'torsional'), .true.)
+    call check_angle(d%stops%at, 'direction', d%stops%direction, .false.)
+    call check_angle(d%stops%at, 'lower', merge(d%stops%lower, 0.0_wp, d%stops%type == 'rotation'), turns)
+    call check_angle(d%stops%at, 'upper', merge(d%stops%upper, 0.0_wp, d%stops%type == 'rotation'), turns)
+    call check_angle(d%histories%at, 'phase', d%histories%phase, .false.)
   contains
     !> One angle; one that the deck leaves open is huge.
-    impure elemental subroutine look(at, name, angle, may_turn)
+    impure elemental subroutine check_angle(at, name, angle, may_turn)
       type(origin), intent(in) :: at
       character(*), intent(in) :: name         !! variable
       real(wp), intent(in) :: angle            !! [rad]
@@ -92,7 +92,7 @@ contains
       if (may_turn .and. abs(angle/5 - anint(angle/5)) > 1.0e-9_wp) return
       call warn(at, name//'='//to_text(angle)//' is '//to_text(anint(10*abs(angle)/(2*pi))/10)// &
                 ' turns: degrees for radians?')
-    end subroutine look
+    end subroutine check_angle
   end subroutine degrees
 
   !> Lengths in millimetres beside gravity in m/s2, or the other way round.

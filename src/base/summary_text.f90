@@ -19,8 +19,8 @@ module summary_text
     type(text_buffer) :: members                  !! of the JSON object, so far
     type(text_buffer) :: warnings                 !! elements of its list of warnings, so far
     character(8) :: open_brackets = ''            !! '{' or '[' of the objects and lists that are not closed
-    logical :: silent = .false.                   !! warnings go to `held_back` instead of standard error
-    type(text_buffer) :: held_back                !! their lines
+    logical :: silent = .false.                   !! warnings go to `pending` instead of standard error
+    type(text_buffer) :: pending                !! their lines
   contains
     procedure :: say
     procedure :: line
@@ -198,7 +198,7 @@ contains
     call exchange_buffer(self%words)
     call exchange_buffer(self%members)
     call exchange_buffer(self%warnings)
-    call exchange_buffer(self%held_back)
+    call exchange_buffer(self%pending)
   contains
     !> One of its texts.
     subroutine exchange_buffer(buffer)
@@ -227,7 +227,7 @@ contains
       associate (sentence => sentences(from:to))
         if (.not. present(in_words)) call self%words%add('  warning: '//sentence//new_line('a'))
         if (self%silent) then
-          call self%held_back%add(self%path//': warning: '//sentence//new_line('a'))
+          call self%pending%add(self%path//': warning: '//sentence//new_line('a'))
         else
           call tell(self%path//': warning: '//sentence)
         end if

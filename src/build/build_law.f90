@@ -12,6 +12,6 @@ contains
   pure type(viscoelastic_terms) function law_of(r) result(law)
     type(law_record), intent(in) :: r
     law = ghm_terms(r%ghm_alpha, r%ghm_zeta, r%ghm_omega)
-    law = law%beside(maxwell_terms(r%prony_alpha, r%prony_tau))
+    law = law%combined(maxwell_terms(r%prony_alpha, r%prony_tau))
   end function law_of
 end module build_law

@@ -31,7 +31,7 @@ module validity
     real(wp), allocatable :: weight(:)               !! (nq) of each elastic rate: rotations count times half an element [m2]
   contains
     procedure :: begin
-    procedure :: look
+    procedure :: note
     procedure :: exchange
     procedure :: warnings
     procedure :: elastic_frequency
@@ -56,7 +56,7 @@ contains
   end subroutine begin
 
   !> Adds an evaluated state to the figures.
-  pure subroutine look(self, m, ev, q, v)
+  pure subroutine note(self, m, ev, q, v)
     class(validity_watch), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
@@ -80,7 +80,7 @@ contains
         end do
       end associate
     end do
-  end subroutine look
+  end subroutine note
 
   !> Saves or restores the figures.
   subroutine exchange(self, a)
@@ -97,7 +97,7 @@ contains
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
     logical, intent(in) :: thick_named
     character(:), allocatable :: text
-    real(wp) :: first, carried, bent, moving
+    real(wp) :: first, highest, bent, moving
     integer :: b
     text = ''
     do b = 1, size(m%s%bodies)
@@ -114,10 +114,10 @@ contains
         end if
         bent = max(f(deflection), f(rotation)*body%length)
         if (bent > 1.0e-13_wp*body%length .and. .not. thick_named) text = text//thickness(body, stage)
-        carried = part_period*body%basis%carried
-        if (ev%t*carried >= 2*pi) then       ! before one period a motion that starts from rest looks too fast
+        highest = part_period*body%basis%top_frequency
+        if (ev%t*highest >= 2*pi) then       ! before one period a motion that starts from rest looks too fast
           moving = self%elastic_frequency(m, b)
-          if (moving > carried) call say(body, 'moves elastically at', moving, 'rad/s, faster than its '// &
+          if (moving > highest) call say(body, 'moves elastically at', moving, 'rad/s, faster than its '// &
             'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
         end if
       end associate

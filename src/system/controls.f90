@@ -39,7 +39,7 @@ contains
     real(wp), intent(in) :: z(:)              !! (nz) [m, rad, any]
     integer, intent(in) :: k                  !! controller
     real(wp) :: w(m%s%controllers(k)%states + control_parts)   ! [any]
-    integer :: side
+    integer :: law
     associate (c => m%s%controllers(k), x => ev%control(k))
       associate (first => c%first + 1, last => c%first + c%states)
         if (options%stage == stage_static) then
@@ -48,11 +48,11 @@ contains
           return
         end if
         w = c%inputs(ev%p, t, options%left_limit, z(first:last))
-        side = c%side(x%state, w)
-        ev%zdd(first:last) = matmul(c%rates(:, :, side), w)
-        x%output = dot_product(c%output(:, side), w)
+        law = c%law_at(x%state, w)
+        ev%zdd(first:last) = matmul(c%rates(:, :, law), w)
+        x%output = dot_product(c%output(:, law), w)
         x%error = dot_product(c%error, w)
-        x%limited = c%limited(side, x%output)
+        x%limited = c%limited(law, x%output)
       end associate
     end associate
   end subroutine one_output
@@ -89,7 +89,7 @@ contains
           call c%take_sample(ev%p, 0, z(c%first + 1:c%first + c%states))
           x%state = 1
         else
-          x%state = c%side(unset, c%inputs(ev%p, 0.0_wp, .false., z(c%first + 1:c%first + c%states)))
+          x%state = c%law_at(unset, c%inputs(ev%p, 0.0_wp, .false., z(c%first + 1:c%first + c%states)))
         end if
       end associate
     end do
@@ -134,7 +134,7 @@ contains
         end if
         w = c%inputs(ev%p, t, .false., z(i + 1:i + c%states))
         if (c%is_beyond(w)) then
-          x%state = c%side(unset, w)
+          x%state = c%law_at(unset, w)
         else if (x%state == free) then
           x%state = merge(at_upper, at_lower, fallen(2*k - 1))
         else
@@ -172,7 +172,7 @@ contains
     associate (c => m%s%controllers(k))
       none = 0.0_wp
       w = c%inputs(ev%p, t, .true., none)
-      f(c%first + 1:c%first + c%states) = matmul(c%rates(:, :, c%side(ev%control(k)%state, w)), w)
+      f(c%first + 1:c%first + c%states) = matmul(c%rates(:, :, c%law_at(ev%control(k)%state, w)), w)
     end associate
   end subroutine one_input
 

@@ -205,7 +205,7 @@ def test_columns_that_only_rounding_moves_are_told_and_left_out(run_deck):
     assert told == pytest.approx(
         {"pin.m": 0, "pivot.x": 0, "pivot.y": 0, "p": 0, "weight.fx": 0, "weight.fy": 19.62, "weight.m": 0}
     )
-    assert "columns that stand still" in done.summary
+    assert "constant columns" in done.summary
     drawn, out = chosen_columns([done.history], None, None)
     assert drawn == ["tip.x", "tip.y", "pin.fx", "pin.fy", "b"]
     assert set(out) == (set(told) - {"weight.fy"}) | {"weight.fy = 19.62 N"}

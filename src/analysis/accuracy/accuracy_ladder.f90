@@ -57,7 +57,7 @@ module accuracy_ladder
   contains
     procedure :: begin
     procedure :: set
-    procedure :: judge
+    procedure :: end_pass
     procedure :: words
     procedure :: exchange
   end type pass_ladder
@@ -176,7 +176,7 @@ contains
   end subroutine set
 
   !> Takes the end of the pass under way and decides what follows: another pass, or nothing.
-  subroutine judge(self, pass, apart, late)
+  subroutine end_pass(self, pass, apart, late)
     class(pass_ladder), intent(inout) :: self
     type(pass_record), intent(in) :: pass     !! that pass as it has ended
     real(wp), intent(in) :: apart(:)          !! (columns, then events) differences over what is asked; empty: not compared [-]
@@ -204,9 +204,9 @@ contains
     else if (pass%outcome == lost_pass) then
       other = either('radau', 'dopri5', pass%method == 'dopri5')
       if (count(self%passes(:self%count)%outcome == lost_pass) > 1) then
-        call finish(self, 'passes are lost')
+        call finish(self, 'passes failed')
       else if (self%asked%free_method) then
-        call take_method(self, other, trim(pass%method)//' was lost')
+        call take_method(self, other, trim(pass%method)//' failed')
       else
         call refine(self, pass)
       end if
@@ -218,7 +218,7 @@ contains
     else
       call refine(self, pass)
     end if
-  end subroutine judge
+  end subroutine end_pass
 
   !> The same method follows, more finely.
   subroutine refine(self, pass)

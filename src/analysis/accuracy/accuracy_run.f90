@@ -78,7 +78,7 @@ contains
       if (ladder%delivered > 0) then
         if (ladder%over .and. fail%status == status_failed) fail = failure()
         call text%append(ladder%found)
-        ok = write_bytes(standard_error, ladder%found%held_back%all())
+        ok = write_bytes(standard_error, ladder%found%pending%all())
       else
         call transient_lines(run, march, fail%status, text)
       end if
@@ -120,7 +120,7 @@ contains
       else
         call march%rows%forget()
       end if
-      call ladder%judge(pass, apart, run%late() .and. (pass%outcome == finished .or. ladder%delivered > 0))
+      call ladder%end_pass(pass, apart, run%late() .and. (pass%outcome == finished .or. ladder%delivered > 0))
       ladder%because = ''
       if (pass%differ_at >= 0.0_wp) then
         ladder%because = ', for the sequence of events'
@@ -176,7 +176,7 @@ contains
     integer, intent(in) :: k                  !! number of the pass
     character(*), intent(in) :: names(:)      !! of the columns
     type(summary_record), intent(inout) :: text
-    character(*), parameter :: endings(2:3) = [character(8) :: 'given up', 'lost']
+    character(*), parameter :: endings(2:3) = [character(8) :: 'given up', 'failed']
     call text%open('', '{')
     call text%say('  pass '//to_text(k)//': {method='//trim(pass%method)//'}, '//either('step {step} s', 'tolerance {tolerance}', &
                                                                        has_fixed_steps(pass%method)), [pass%setting])

@@ -1,5 +1,5 @@
-!> What the summary says of a transient's accuracy: the estimated errors of columns where the deck asks for them. Energies bound no
-!> column's error: a vibration that is late keeps its energy. The words say so; only a second run speaks of columns.
+!> What the summary says of a transient's accuracy: the estimated errors of columns where the deck asks for them. The energy
+!> balance does not bound them: a vibration that is late keeps its energy. Only a second run tells errors of columns.
 module accuracy_words
   use kinds, only: wp
   use accuracy_ladder, only: setting_words
@@ -33,7 +33,7 @@ contains
     type(summary_record), intent(inout) :: text
     call closing_lines(run, march, text)
     if (lost) then
-      call text%line('  accuracy: nothing is known of a run that was lost; its last rows may be wrong')
+      call text%line('  accuracy: unknown, the run failed; its last rows may be wrong')
       return
     end if
     call balance_lines(run, march, text)
@@ -42,8 +42,8 @@ contains
     else if (march%ladder%active) then
       call text%line('  accuracy: unknown, there is no other pass to compare this one with')
     else
-      call text%line('  accuracy: energies bound no error of a column, and a vibration that is late keeps its energy; '// &
-                    'check_error=.true. in &transient estimates the error of every column')
+      call text%line('  accuracy: the energy balance does not bound errors of columns: a vibration that is late keeps its '// &
+                    'energy; check_error=.true. in &transient estimates the error of every column')
     end if
   end subroutine accuracy_lines
 
@@ -177,7 +177,7 @@ contains
     character(:), allocatable :: text
     text = ''
     if (c%lost_at >= 0.0_wp) then
-      text = 'the second run was lost at t = '//short_text(c%lost_at, 3)//' s: errors are unknown from there on'
+      text = 'the second run failed at t = '//short_text(c%lost_at, 3)//' s: errors are unknown from there on'
     else if (first%share() > rounding .and. c%balance%largest_residual > converging*first%largest_residual) then
       text = 'the energy balance of the second run closes hardly better: vibrations that both runs damp away between rows '// &
              'are missing in these estimates; a smaller output_step or step shows them'

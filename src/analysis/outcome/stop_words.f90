@@ -103,12 +103,12 @@ contains
         '{steps_of_shortest_contact #}', [real(wp) :: x%briefest, x%fewest])
       call text%line('')
       call text%close()
-      call judge(run, i, text)
+      call warn_of_contacts(run, i, text)
     end associate
   end subroutine one_stop
 
   !> Warns of contacts that a body's mesh or modes cannot follow, and of a stop that a drive presses.
-  subroutine judge(run, i, text)
+  subroutine warn_of_contacts(run, i, text)
     type(run_state), intent(in) :: run
     integer, intent(in) :: i                   !! its number among those that switch
     type(summary_record), intent(inout) :: text
@@ -129,5 +129,5 @@ contains
       call text%warn('stop "'//trim(f%name)//'" is pressed by drive'//drives_against(m, work)//', which moves on against '// &
                 'any force: up to '//to_text(x%force)//either(' Nm', ' N', f%angular))
     end associate
-  end subroutine judge
+  end subroutine warn_of_contacts
 end module stop_words

@@ -64,7 +64,7 @@ contains
       range = march%seen%moved(run%sys%m%s, columns, run%d%transient%t_end)
       value = march%seen%still(run%sys%m%s, columns, run%d%transient%t_end)
       if (all(range > 0.0_wp)) return
-      call text%line('  columns that stand still (only rounding changes them), and their values:')
+      call text%line('  constant columns (only rounding changes them), and their values:')
       call text%table('still_columns', pack(columns%label(), .not. range > 0.0_wp), pack(value, .not. range > 0.0_wp), 9)
     end associate
   end subroutine still_lines

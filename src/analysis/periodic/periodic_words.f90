@@ -23,7 +23,7 @@ contains
     real(wp), allocatable :: r(:)             ! [-]
     integer :: k
     if (cycle%lost_first) then
-      call fail%raise(status_failed, 'the first turn of the periodic analysis was lost at t = '//short_text(cycle%turn%at, 4)// &
+      call fail%raise(status_failed, 'the first turn of the periodic analysis failed at t = '//short_text(cycle%turn%at, 4)// &
                       ' s; the deck without &periodic says why')
       return
     end if

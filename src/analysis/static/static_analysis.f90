@@ -89,7 +89,7 @@ contains
       if (.not. report%converged) call no_equilibrium(run, k, loose, fail)
       if (fail%happened()) exit                      ! the first of these counts
       call write_row(run, part, file, report)
-      call watch%look(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq))
+      call watch%note(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq))
     end do
     call file%close()
     if (file%failed) call no_output(run, fail)

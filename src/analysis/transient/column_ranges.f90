@@ -1,5 +1,5 @@
-!> Smallest and largest values of columns over the rows of a run, and which columns stand still but for rounding: pictures, studies
-!> and estimates leave these out.
+!> Smallest and largest values of columns over the rows of a run, and which columns only rounding changes: pictures, studies and
+!> estimates leave these out.
 module column_ranges
   use kinds, only: wp
   use archive, only: value_archive

@@ -52,7 +52,7 @@ module step_monitor
     type(fast_mode) :: mode                    !! the motion that was iterated last
   contains
     procedure :: begin => monitor_begin
-    procedure :: look => monitor_look
+    procedure :: estimate => monitor_estimate
     procedure :: exchange => monitor_exchange
   end type stability_monitor
 
@@ -128,7 +128,7 @@ contains
 
   !> Estimates the current bound at the state of an evaluation, and says when to do so again. Allocates nothing where the bound
   !> lies above the step.
-  subroutine monitor_look(self, m, ev, t, steps)
+  subroutine monitor_estimate(self, m, ev, t, steps)
     class(stability_monitor), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -143,7 +143,7 @@ contains
     self%smallest = self%latest
     self%at = t
     if (self%latest < self%step) call name_cause(self, m, ev)
-  end subroutine monitor_look
+  end subroutine monitor_estimate
 
   !> Smallest step that the eigenvalues of the followed motions allow at the state of an evaluation [s].
   real(wp) function bound_of_motions(self, m, ev) result(h)

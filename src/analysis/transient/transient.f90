@@ -223,7 +223,7 @@ contains
       if (monitor%active) most = int(min(int(most, ip), monitor%next - method%steps))
       call method%advance(run%sys, from, to, most, run%y, outcome)
       if (outcome == lost .or. .not. monitor%active) return
-      if (method%steps == monitor%next) call monitor%look(run%sys%m, run%sys%ev, run%sys%ev%t, method%steps)
+      if (method%steps == monitor%next) call monitor%estimate(run%sys%m, run%sys%ev, run%sys%ev%t, method%steps)
     end associate
   end subroutine one_portion
 
@@ -239,7 +239,7 @@ contains
       call read_sensors(run%list, run%sys%m, run%sys%ev, y, files%values)
       call march%balance%read(run%sys%m, run%sys%ev, y, k == 0)
       if (k == 0) march%balance%reachable = reachable_energy(run%sys%m, run%sys%ev, r%output_step)
-      call judge(run, march, t, fail)
+      call check_row(run, march, t, fail)
       if (fail%happened()) return
       call march%balance%count(march%method%steps)
       call march%seen%note(files%values)
@@ -250,7 +250,7 @@ contains
         call march%check%match_events(run%sys%events, march%last)
         call march%check%compare(files%values)
       end if
-      call run%watch%look(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
+      call run%watch%note(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
       call files%write_row(t, march%balance%row(:march%balance%columns))
       call files%write_events(run%sys%m, run%sys%events)
       march%last = t
@@ -302,7 +302,7 @@ contains
   end function reachable_energy
 
   !> Checks the row just read: energies, shapes and joints show whether the solution is lost.
-  subroutine judge(run, march, t, fail)
+  subroutine check_row(run, march, t, fail)
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
     real(wp), intent(in) :: t                  !! [s]
@@ -320,7 +320,7 @@ contains
         if (b > 0) call explain_shape(run, b, t, march%last, fail)
       end if
     end associate
-  end subroutine judge
+  end subroutine check_row
 
   !> Between two portions: a checkpoint where one is due or a signal has come, which ends the run.
   subroutine interrupt(run, march, fail)

@@ -41,7 +41,7 @@ module body
     real(wp), allocatable :: reach(:)         !! (nf) largest displacement or rotation of a node by a unit of it [-, kg^-1/2]
     integer :: rows = 0, columns = 0          !! of the deformations
     logical, allocatable :: angle(:)          !! whether a deformation is an angle: of a column, for all alike, or of every one
-    real(wp) :: carried = 0.0_wp              !! highest frequency that the coordinates carry [rad/s]
+    real(wp) :: top_frequency = 0.0_wp        !! highest that the coordinates can follow [rad/s]
     real(wp) :: highest_bending = 0.0_wp      !! that of the highest mode in bending; 0 without a reduction [rad/s]
   contains
     procedure(to_deformations), deferred :: deform

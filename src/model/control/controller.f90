@@ -1,7 +1,7 @@
 !> Controllers: PID of a sensed quantity against a history (theory.md, section 14). A controller is linear in each of its states,
 !> free or at a limit: with w its own states x, the sensed y and y', the reference r and r', and 1,
 !>
-!>   x' = rates w      wish = kp e + i + kd e'      output = wish, or the limit
+!>   x' = rates w      demand = kp e + i + kd e'      output = demand, or the limit
 !>
 !> so that all methods, the linearisation and the transfer function read the same coefficients. What is sampled changes at samples.
 module controller
@@ -39,14 +39,14 @@ module controller
     integer :: smooth = 0, integral = 0, sampled = 0   !! numbers of states: filter, integral, sampled output; 0: none
     real(wp), allocatable :: rates(:, :, :)   !! (states, states + 5, -1:1) of free ones and at a limit [any/s]
     real(wp), allocatable :: output(:, :)     !! (states + 5, -1:1) [any]
-    real(wp), allocatable :: wish(:)          !! (states + 5) output without limits [any]
+    real(wp), allocatable :: demand(:)          !! (states + 5) output without limits [any]
     real(wp), allocatable :: error(:)         !! (states + 5) [unit of the quantity]
     real(wp), allocatable :: change(:)        !! (states + 5) kd e', of a sampled one at a sample [any]
   contains
     procedure :: set_up
     procedure :: inputs
     procedure :: start
-    procedure :: side
+    procedure :: law_at
     procedure :: is_beyond
     procedure :: law_in
     procedure :: solve
@@ -67,7 +67,7 @@ contains
   subroutine set_up(self)
     class(controller_model), intent(inout) :: self
     real(wp), allocatable :: delayed(:), delayed_rate(:), error_rate(:)   ! coefficients of w
-    integer :: n, k, side
+    integer :: n, k, law
     n = merge(order, 0, self%delay > 0.0_wp)
     call number_state(self%filter > 0.0_wp .and. abs(self%kd) > 0.0_wp, self%smooth)
     call number_state(abs(self%ki) > 0.0_wp, self%integral)
@@ -92,22 +92,22 @@ contains
       self%change = self%kd/(self%filter + self%sample)*(self%error - unit(self%smooth))
       self%rates(self%smooth, :, 0) = (self%error - unit(self%smooth))/self%filter
     end if
-    self%wish = self%kp*self%error + self%change
+    self%demand = self%kp*self%error + self%change
     if (self%integral > 0) then
-      self%wish = self%wish + unit(self%integral)
+      self%demand = self%demand + unit(self%integral)
       self%rates(self%integral, :, 0) = self%ki*self%error
     end if
-    self%output(:, 0) = self%wish
+    self%output(:, 0) = self%demand
     if (self%sample > 0.0_wp) then
       self%rates(n - count([self%smooth, self%integral, self%sampled] > 0) + 1:, :, :) = 0.0_wp
       self%output(:, 0) = unit(self%sampled)
     end if
-    do side = -1, 1, 2
-      self%rates(:, :, side) = self%rates(:, :, 0)
-      self%output(:, side) = merge(self%upper, self%lower, side > 0)*unit(n + control_parts)
-      if (maxval(abs(self%output(:, side))) >= huge(1.0_wp)) cycle      ! no limit on this side
-      if (self%integral > 0 .and. self%windup_time > 0.0_wp) self%rates(self%integral, :, side) = &
-        self%rates(self%integral, :, side) + (self%output(:, side) - self%wish)/self%windup_time
+    do law = -1, 1, 2
+      self%rates(:, :, law) = self%rates(:, :, 0)
+      self%output(:, law) = merge(self%upper, self%lower, law > 0)*unit(n + control_parts)
+      if (maxval(abs(self%output(:, law))) >= huge(1.0_wp)) cycle      ! no limit at this end
+      if (self%integral > 0 .and. self%windup_time > 0.0_wp) self%rates(self%integral, :, law) = &
+        self%rates(self%integral, :, law) + (self%output(:, law) - self%demand)/self%windup_time
     end do
   contains
     !> Gives a state the next number.
@@ -157,42 +157,42 @@ contains
     if (self%smooth > 0) x(self%smooth) = dot_product(self%error, w)
   end subroutine start
 
-  !> Which of its laws holds: that of its state, or where no event has led to one that of its wish.
-  pure integer function side(self, state, w)
+  !> Which of its laws holds: that of its state, or where no event has led to one that of its demand.
+  pure integer function law_at(self, state, w) result(law)
     class(controller_model), intent(in) :: self
     integer, intent(in) :: state
     real(wp), intent(in) :: w(:)              !! (states + 5) [any]
-    side = self%law_in(state)
+    law = self%law_in(state)
     if (state /= unset .or. self%sample > 0.0_wp) return
-    associate (wish => dot_product(self%wish, w))
-      if (wish > self%upper) side = at_upper
-      if (wish < self%lower) side = at_lower
+    associate (demand => dot_product(self%demand, w))
+      if (demand > self%upper) law = at_upper
+      if (demand < self%lower) law = at_lower
     end associate
-  end function side
+  end function law_at
 
   !> Which of its laws holds in a state; free, where no state is kept.
-  pure integer function law_in(self, state) result(side)
+  pure integer function law_in(self, state) result(law)
     class(controller_model), intent(in) :: self
     integer, intent(in) :: state
-    side = merge(free, state, self%sample > 0.0_wp .or. state == unset)
+    law = merge(free, state, self%sample > 0.0_wp .or. state == unset)
   end function law_in
 
-  !> Whether its wish is beyond a limit by more than rounding.
+  !> Whether its demand is beyond a limit by more than rounding.
   pure logical function is_beyond(self, w) result(yes)
     class(controller_model), intent(in) :: self
     real(wp), intent(in) :: w(:)              !! (states + 5) [any]
-    real(wp) :: wish, slack
-    wish = dot_product(self%wish, w)
-    slack = 1.0e-9_wp*maxval(abs(self%wish*w))
-    yes = wish > self%upper + slack .or. wish < self%lower - slack
+    real(wp) :: demand, slack
+    demand = dot_product(self%demand, w)
+    slack = 1.0e-9_wp*maxval(abs(self%demand*w))
+    yes = demand > self%upper + slack .or. demand < self%lower - slack
   end function is_beyond
 
   !> Whether its output is at a limit: 1 the upper, -1 the lower one.
-  pure integer function limited(self, side, output)
+  pure integer function limited(self, law, output)
     class(controller_model), intent(in) :: self
-    integer, intent(in) :: side
+    integer, intent(in) :: law
     real(wp), intent(in) :: output            !! [any]
-    limited = side
+    limited = law
     if (self%sample > 0.0_wp) limited = merge(1, merge(-1, 0, output <= self%lower), output >= self%upper)
   end function limited
 
@@ -218,16 +218,16 @@ contains
       zero(1) = rounding_of(self%next_sample(state))
       return
     end if
-    now = dot_product(self%wish, w)
+    now = dot_product(self%demand, w)
     slope = huge(1.0_wp)
-    if (.not. (self%quantity%rate .or. abs(self%wish(n + 2)) > 0.0_wp)) then
+    if (.not. (self%quantity%rate .or. abs(self%demand(n + 2)) > 0.0_wp)) then
       call self%reference%evaluate(t, left_limit, h)
-      slope = dot_product(self%wish, [matmul(self%rates(:, :, state), w), w(n + 2), 0.0_wp, h(1), h(2), 0.0_wp])
+      slope = dot_product(self%demand, [matmul(self%rates(:, :, state), w), w(n + 2), 0.0_wp, h(1), h(2), 0.0_wp])
     end if
     if (state /= at_lower .and. self%upper < huge(1.0_wp)) call set(merge(-1, 1, state == free), self%upper, 1, g, rate, zero)
     if (state /= at_upper .and. self%lower > -huge(1.0_wp)) call set(merge(1, -1, state == free), self%lower, 2, g, rate, zero)
   contains
-    !> One root: side times what the wish is above a limit.
+    !> One root: side times what the demand is above a limit.
     pure subroutine set(side, limit, k, g, rate, zero)
       integer, intent(in) :: side, k
       real(wp), intent(in) :: limit           !! [any]
@@ -235,7 +235,7 @@ contains
       g(k) = side*(now - limit)
       if (slope < huge(1.0_wp)) rate(k) = side*slope
       if (slope >= huge(1.0_wp)) rate(k) = huge(1.0_wp)
-      zero(k) = 64*epsilon(1.0_wp)*max(abs(limit), maxval(abs(self%wish*w)))
+      zero(k) = 64*epsilon(1.0_wp)*max(abs(limit), maxval(abs(self%demand*w)))
     end subroutine set
   end subroutine watch
 
@@ -245,15 +245,15 @@ contains
     type(marker_states), intent(in) :: p
     integer, intent(in) :: k
     real(wp), intent(inout) :: x(:)           !! (states) [any]
-    real(wp) :: w(self%states + control_parts), wish, error
+    real(wp) :: w(self%states + control_parts), demand, error
     w = self%inputs(p, self%next_sample(k), .false., x)
-    wish = dot_product(self%wish, w)
+    demand = dot_product(self%demand, w)
     error = dot_product(self%error, w)
-    associate (h => self%sample, limited => min(max(wish, self%lower), self%upper))
+    associate (h => self%sample, limited => min(max(demand, self%lower), self%upper))
       if (self%smooth > 0) x(self%smooth) = (self%filter*x(self%smooth) + h*error)/(self%filter + h)
       if (self%integral > 0) then
         x(self%integral) = x(self%integral) + h*self%ki*error
-        if (self%windup_time > 0.0_wp) x(self%integral) = x(self%integral) + h*(limited - wish)/self%windup_time
+        if (self%windup_time > 0.0_wp) x(self%integral) = x(self%integral) + h*(limited - demand)/self%windup_time
       end if
       x(self%sampled) = limited
     end associate
@@ -280,24 +280,24 @@ contains
     integer, intent(in) :: state
     complex(wp), intent(in) :: s              !! [1/s]
     complex(wp) :: x(self%states)             ! [any]
-    integer :: side
-    side = self%law_in(state)
+    integer :: law
+    law = self%law_in(state)
     associate (n => self%states)
-      x = self%rates(:, n + 1, side) + s*self%rates(:, n + 2, side)
-      call self%solve(side, s, x)
-      h = self%output(n + 1, side) + s*self%output(n + 2, side) + sum(self%output(1:n, side)*x)
+      x = self%rates(:, n + 1, law) + s*self%rates(:, n + 2, law)
+      call self%solve(law, s, x)
+      h = self%output(n + 1, law) + s*self%output(n + 2, law) + sum(self%output(1:n, law)*x)
     end associate
   end function response
 
   !> Solves (c - A) y = x of its states, 6 at most.
-  pure subroutine solve(self, side, c, x)
+  pure subroutine solve(self, law, c, x)
     class(controller_model), intent(in) :: self
-    integer, intent(in) :: side
+    integer, intent(in) :: law
     complex(wp), intent(in) :: c              !! [1/s]
     complex(wp), intent(inout) :: x(:)        !! (states) [any], then [any s]
     complex(wp) :: a(self%states, self%states)
     integer :: k
-    a = -self%rates(:, 1:self%states, side)
+    a = -self%rates(:, 1:self%states, law)
     do k = 1, self%states
       a(k, k) = a(k, k) + c
     end do

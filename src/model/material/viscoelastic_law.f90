@@ -18,7 +18,7 @@ module viscoelastic_law
     real(wp), allocatable :: viscosity(:)      !! [s]
     real(wp), allocatable :: inertia(:)        !! [s2]
   contains
-    procedure :: beside
+    procedure :: combined
     procedure :: ratio
     procedure :: is_pole
     procedure :: slope
@@ -46,7 +46,7 @@ contains
   end function maxwell_terms
 
   !> The terms of two laws that act together.
-  pure function beside(self, other) result(both)
+  pure function combined(self, other) result(both)
     class(viscoelastic_terms), intent(in) :: self
     type(viscoelastic_terms), intent(in) :: other
     type(viscoelastic_terms) :: both
@@ -57,7 +57,7 @@ contains
       both%viscosity = [self%viscosity(:m), other%viscosity(:n), self%viscosity(m + 1:), other%viscosity(n + 1:)]
       both%inertia = [self%inertia(:m), other%inertia(:n), self%inertia(m + 1:), other%inertia(n + 1:)]
     end associate
-  end function beside
+  end function combined
 
   !> E(s)/E_R - 1 [-].
   pure function ratio(self, s) result(g)

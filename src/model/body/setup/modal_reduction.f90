@@ -49,7 +49,7 @@ contains
     modal%rows = size(w)
     modal%angle = modal%rotation
     modal%columns = size(b%segments)
-    modal%carried = sqrt(max(maxval(w), 0.0_wp))
+    modal%top_frequency = sqrt(max(maxval(w), 0.0_wp))
     do k = size(w), 2, -1             ! a straight body moves across its axis rather than along it
       if (norm2(psi(b%dof(2, :), k)) >= norm2(psi(b%dof(1, :), k))) exit
       if (any(abs(b%x(2, :) - b%x(2, 1)) > 1.0e-9_wp*b%length)) exit
