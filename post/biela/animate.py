@@ -11,7 +11,7 @@ from matplotlib import patheffects as path_effects
 from PIL import Image
 
 from .histories import read
-from .mechanism import Mechanism, add_trace, from_run
+from .mechanism import Mechanism, add_trace, from_run, zigzag
 from .picture_files import FORMATS, lay_out, stem_of
 from .plot import LOOK, body_look, plain_numbers
 from .progress import Progress
@@ -29,7 +29,10 @@ LARGEST, SMALLEST = 4.5, 1.4  # width of one panel [inch]
 class Picture:
     """The mechanism on one axis: lines made once, moved to a row of the motion by `show`."""
 
-    def __init__(self, axis: plt.Axes, scene: Mechanism, corners: tuple[np.ndarray, np.ndarray] | None = None, named: bool = False):
+    def __init__(
+        self, axis: plt.Axes, scene: Mechanism, corners: tuple[np.ndarray, np.ndarray] | None = None, named: bool = False,
+        stops: str = DARK, springs: str = DARK,
+    ):  # fmt: skip
         self.scene, self.axis = scene, axis
         low, high = corners or scene.extent()
         room = MARGIN * (max(high - low) or 1.0)
@@ -38,8 +41,8 @@ class Picture:
         self.rail_length = 4.0 * max(high - low)
         self.rails = [axis.plot([], [], "-", color="#aaaaaa", lw=1.0, zorder=1)[0] for _ in scene.sliders]
         self.links = [axis.plot([], [], "-", color=DARK, lw=2.5, zorder=2)[0] for _ in scene.links]
-        self.springs = [axis.plot([], [], ":", color=DARK, lw=1.5, zorder=2)[0] for _ in scene.springs]
-        self.stops = [axis.plot([], [], "-", color=DARK, lw=2.0, zorder=2)[0] for _ in scene.stops]
+        self.springs = [axis.plot([], [], "-", color=springs, lw=1.2, zorder=5)[0] for _ in scene.springs]
+        self.stops = [axis.plot([], [], "-", color=stops, lw=2.0, zorder=2)[0] for _ in scene.stops]
         self.touched = [axis.plot([], [], "-", color=TOUCHED, lw=3.5, zorder=4.5)[0] for _ in scene.stops]  # over what touches them
         self.wall = 0.03 * max(high - low)
         self.bodies = [
@@ -63,6 +66,11 @@ class Picture:
         lines += [*self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
         self.moving = [*sorted(lines, key=lambda line: line.zorder), *self.names, self.stamp]
 
+    def show_still(self) -> None:
+        """Show the first row without its time."""
+        self.show(0)
+        self.stamp.set_text("")
+
     def show(self, row: int, since: int | None = None) -> None:
         """Move everything to one row of the motion; stops that have touched since an earlier row are drawn as touched."""
         scene = self.scene
@@ -76,9 +84,10 @@ class Picture:
             text.set_position(np.nanmean(points, axis=0) if len(points) else (0.0, 0.0))
             along = points[-1] - points[0] if len(points) else np.zeros(2)
             text.set_ha("right" if along[0] * along[1] > 0.0 else "left")  # above a line that rises its left side is free
-        for lines, pairs in ((self.links, scene.links), (self.springs, scene.springs)):
-            for line, pair in zip(lines, pairs):
-                line.set_data(*np.transpose([scene.position(marker, row) for marker in pair]))
+        for line, pair in zip(self.links, scene.links):
+            line.set_data(*np.transpose([scene.position(marker, row) for marker in pair]))
+        for line, pair in zip(self.springs, scene.springs):
+            line.set_data(*zigzag(*(scene.position(marker, row) for marker in pair), 0.4 * self.wall).T)
         for line, (_, base, direction) in zip(self.rails, scene.sliders):
             angle = direction + (base.body.frame[row, 2] if base.body else 0.0)
             along = self.rail_length * np.array([np.cos(angle), np.sin(angle)])

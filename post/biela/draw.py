@@ -8,19 +8,19 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.patches import Arc, Circle, Polygon
+from matplotlib.patches import Arc
 
 from . import labels
+from .animate import Picture
 from .command import call_solver
 from .histories import read_summary
-from .mechanism import direction_of, hinge, hull
+from .mechanism import hinge, of_scene
 from .picture_files import save
-from .plot import COLOURS, LOOK, body_look, plain_numbers
+from .plot import COLOURS, LOOK, body_look
 from .result_files import HistoryError
 
 DARK, GREY = "#333333", "#8c8c8c"
 DRIVE, FORCE, SPRING, SENSOR, STOP = COLOURS[1], COLOURS[4], COLOURS[2], "#9a5b00", "#b0126e"
-SIGNS = {"revolute": "o", "weld": "s", "slider": "s", "prismatic": "s", "distance": "o", "gear": "h"}
 SYMBOL = 0.035  # size of drawn arrows and springs, of the picture's larger side
 
 
@@ -50,7 +50,7 @@ def walls(stop: dict) -> list[np.ndarray]:
 
 
 class ScenePicture:
-    """A scene on one axis: lines first, then the labels, which need to know of each other."""
+    """A scene on one axis: the mechanism as in every picture, what acts on it, then the labels, which know of each other."""
 
     def __init__(self, axis: plt.Axes, scene: dict):
         self.axis, self.scene = axis, scene
@@ -63,23 +63,35 @@ class ScenePicture:
         side = max(high - low)  # a wall farther away than the mechanism is long would make it small
         found = [wall for stop in scene.get("stops", []) for wall in walls(stop)]
         points = np.array([*points, *(wall for wall in found if (low - side < wall).all() and (wall < high + side).all())])
-        self.low, self.high = points.min(axis=0), points.max(axis=0)
-        self.span = float(max(self.high - self.low)) or 1.0
-        self.middle = (self.low + self.high) / 2.0
-        room = np.maximum(0.16 * self.span, 0.3 * self.span - (self.high - self.low) / 2.0)
+        low, high = points.min(axis=0), points.max(axis=0)
+        self.span = float(max(high - low)) or 1.0
+        room = np.maximum(0.16 * self.span, 0.3 * self.span - (high - low) / 2.0)
+        Picture(axis, of_scene(scene), (low, high), stops=STOP, springs=SPRING).show_still()
         axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-        plain_numbers(axis)
-        axis.set_xlim(self.low[0] - 0.25 * self.span, self.high[0] + 0.25 * self.span)
-        axis.set_ylim(self.low[1] - room[1], self.high[1] + room[1])
+        axis.set_xlim(low[0] - 0.25 * self.span, high[0] + 0.25 * self.span)
+        axis.set_ylim(low[1] - room[1], high[1] + room[1])
 
     def draw(self) -> None:
-        """Draw everything, the names last."""
+        """Draw what the mechanism is subject to, and note the names."""
         for k, body in enumerate(self.scene["bodies"]):
-            self._body(body, *body_look(k))
+            colour, nodes = body_look(k)[0], np.array(body["nodes"])
+            at = np.array(body["centre"])
+            if len(nodes):
+                at = nodes[np.array(body["elements"][len(body["elements"]) // 2]) - 1].mean(axis=0)
+            else:
+                self.axis.plot(*at, "P", color=colour, ms=6, zorder=4)
+            self._label(at, body["name"], colour)
         for spring in self.scene["springs"]:
-            self._spring(spring)
+            a, b = (np.array(spring[side]["at"]) for side in "ab")
+            if spring["kind"] == "torsional":
+                turn = np.linspace(0.0, 5.0 * np.pi, 120)
+                r = SYMBOL * self.span * turn / turn[-1]
+                self.axis.plot(a[0] + r * np.cos(turn), a[1] + r * np.sin(turn), "-", color=SPRING, lw=1.2, zorder=5)
+            self._label(a if spring["kind"] == "torsional" else (a + b) / 2.0, spring["name"], SPRING)
         for joint in self.scene["joints"]:
-            self._joint(joint)
+            a, b = (np.array(joint[side]["at"]) for side in "ab")
+            words = f"{joint['kind']}, friction {joint['friction']:g}" if "friction" in joint else joint["kind"]
+            self._label((a + b) / 2.0 if joint["kind"] == "distance" else a, f"{joint['name']} ({words})", DARK)
         for drive in self.scene["drives"]:
             self._drive(drive)
         for stop in self.scene.get("stops", []):  # older runs do not tell them
@@ -100,107 +112,16 @@ class ScenePicture:
     def _label(self, at: np.ndarray, text: str, colour: str) -> None:
         self.labels.append(labels.Label(np.array(at), text, colour))
 
-    def _body(self, body: dict, colour: str, style: object) -> None:
-        """Draw the elements of a beam or frame; of a rigid body the outline of its frame, mass centre and markers."""
-        nodes = np.array(body["nodes"])
-        if len(nodes):
-            for i, j in body["elements"]:
-                self.axis.plot(*nodes[[i - 1, j - 1]].T, ls=style, color=colour, lw=2.4, zorder=3, solid_capstyle="round")
-            self.axis.plot(*nodes.T, "o", color=colour, ms=3, zorder=4)
-            first = np.array(body["elements"][len(body["elements"]) // 2]) - 1
-            at = nodes[first].mean(axis=0)
-        else:
-            points = [body["frame"][:2], body["centre"], *self._points_of(body["name"])]
-            outline = hull(np.array(points))
-            if len(outline) > 3:
-                self.axis.add_patch(Polygon(outline, facecolor=colour, alpha=0.15, zorder=2))
-            self.axis.plot(*outline.T, ls=style, color=colour, lw=3.2, alpha=0.8, zorder=3, solid_capstyle="round")
-            at = np.array(body["centre"])
-            self.axis.plot(*at, "P", color=colour, ms=6, zorder=4)
-        self._label(at, body["name"], colour)
-
-    def _points_of(self, name: str) -> list:
-        """Return where joints, springs and forces hold a body."""
-        kinds = ("joints", "drives", "springs", "stops")
-        found = [item[side] for kind in kinds for item in self.scene.get(kind, []) for side in "ab"]
-        found += [force["at"] for force in self.scene["forces"]]
-        return [marker["at"] for marker in found if marker["body"] == name]
-
-    def _ground(self, at: np.ndarray) -> None:
-        """Draw a hatched triangle under a marker of the ground."""
-        s = 0.7 * SYMBOL * self.span
-        self.axis.add_patch(
-            Polygon(at + s * np.array([[0.0, 0.0], [-1.0, -1.5], [1.0, -1.5]]), facecolor="#eeeeee", edgecolor=GREY, zorder=1)
-        )
-        for k in range(-1, 3):
-            foot = at + np.array([0.6 * k * s, -1.5 * s])
-            self.axis.plot(*np.transpose([foot, foot - [0.5 * s, 0.5 * s]]), "-", color=GREY, lw=0.8, zorder=1)
-
-    def _joint(self, joint: dict) -> None:
-        """Draw a joint between its two markers."""
-        a, b = (np.array(joint[side]["at"]) for side in "ab")
-        kind = joint["kind"]
-        if kind in ("slider", "prismatic"):
-            angle = joint["direction"]
-            along = 0.5 * self.span * np.array([np.cos(angle), np.sin(angle)])
-            self.axis.plot(*np.transpose([a - along, a + along]), "--", color=GREY, lw=1.0, zorder=1)
-        elif kind == "distance":
-            self.axis.plot(*np.transpose([a, b]), "-", color=DARK, lw=1.6, zorder=2)
-            self.axis.plot(*b, "o", color="white", mec=DARK, ms=6, mew=1.3, zorder=6)
-        if joint["b"]["body"] is None and kind not in ("slider", "prismatic"):
-            self._ground(b)
-        face = DARK if kind == "weld" else "white"
-        size = 10 if kind in ("slider", "prismatic") else 6
-        self.axis.plot(*a, SIGNS[kind], color=face, mec=DARK, ms=size, mew=1.3, zorder=6)
-        words = f"{kind}, friction {joint['friction']:g}" if "friction" in joint else kind
-        self._label((a + b) / 2.0 if kind == "distance" else a, f"{joint['name']} ({words})", DARK)
-
-    def _spring(self, spring: dict) -> None:
-        """Draw a linear spring as a zigzag, a torsional one as a spiral."""
-        a, b = (np.array(spring[side]["at"]) for side in "ab")
-        if spring["kind"] == "torsional":
-            turn = np.linspace(0.0, 5.0 * np.pi, 120)
-            r = SYMBOL * self.span * turn / turn[-1]
-            self.axis.plot(a[0] + r * np.cos(turn), a[1] + r * np.sin(turn), "-", color=SPRING, lw=1.2, zorder=5)
-            self._label(a, spring["name"], SPRING)
-            return
-        side = np.array([a[1] - b[1], b[0] - a[0]]) / (np.hypot(*(b - a)) or 1.0)
-        part = np.array([0.0, 0.25, *np.linspace(0.28, 0.72, 12), 0.75, 1.0])
-        swing = 0.4 * SYMBOL * self.span * np.array([0.0, 0.0, *([1.0, -1.0] * 6), 0.0, 0.0])
-        line = a + part[:, None] * (b - a) + swing[:, None] * side
-        self.axis.plot(*line.T, "-", color=SPRING, lw=1.2, zorder=5)
-        if spring["b"]["body"] is None:
-            self._ground(b)
-        self._label((a + b) / 2.0, spring["name"], SPRING)
-
     def _stop(self, stop: dict) -> None:
-        """Draw a stop: a wall at each limit of a position, the hole of a clearance, the arc between the limits of an angle."""
-        a, b = (np.array(stop[side]["at"]) for side in "ab")
-        size = 1.2 * SYMBOL * self.span
+        """Name a stop; the arc of an angle and the way of a position say between which limits it lets go."""
         limits = [x for x in (stop["lower"], stop["upper"]) if x is not None]
-        at = a
-        if stop["kind"] == "clearance":
-            r = max(stop["upper"], 0.5 * size)  # a gap that cannot be seen is drawn as a ring
-            self.axis.add_patch(Circle(b, r, facecolor="none", edgecolor=STOP, lw=1.4, zorder=7))
-        elif stop["kind"] == "position":
-            across = size * np.array([-np.sin(stop["direction"]), np.cos(stop["direction"])])
-            for at in walls(stop):
-                self.axis.plot(*np.transpose([at - across, at + across]), "-", color=STOP, lw=2.2, zorder=7)
-            ends = walls(stop) + ([a] if len(limits) == 1 else [])
+        at = np.array(stop["a"]["at"])
+        if stop["kind"] == "position":
+            ends = walls(stop) + ([at] if len(limits) == 1 else [])
             self.axis.plot(*np.transpose(ends), ":", color=STOP, lw=1.0, zorder=2)
-        else:
-            at = a = np.array(hinge(self.scene, stop)["at"])
-            centre = {body["name"]: body["centre"] for body in self.scene["bodies"]}.get(stop["a"]["body"], a)
-            turned = {body["name"]: body["frame"][2] for body in self.scene["bodies"]}
-            turn, other = (turned.get(stop[side]["body"], 0.0) for side in "ab")
-            arm = direction_of(np.array(centre) - a, turn, 0.1 * size)
-            angles = [arm + limit - (turn - other) for limit in limits]
-            for angle in angles:
-                ray = np.array([np.cos(angle), np.sin(angle)])
-                self.axis.plot(*np.transpose([a + 1.2 * size * ray, a + 1.8 * size * ray]), "-", color=STOP, lw=2.2, zorder=7)
-            first, last = np.degrees([min(arm, *angles), max(arm, *angles)])
-            last = min(last, first + 359.0)
-            self.axis.add_patch(Arc(a, 3 * size, 3 * size, theta1=first, theta2=last, color=STOP, lw=1.4, zorder=7))
+            at = walls(stop)[-1]
+        elif stop["kind"] == "rotation":
+            at = np.array(hinge(self.scene, stop)["at"])
         unit = "rad" if stop["kind"] == "rotation" else "m"
         shown = {"clearance": "gap {1:.3g} m"}.get(stop["kind"], " to ".join(f"{x:.3g}" for x in limits) + f" {unit}")
         self._label(at, f"{stop['name']} (stop, {shown.format(stop['lower'], stop['upper'])})", STOP)

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import matplotlib.pyplot as plt
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from .deck import Deck
 from .histories import History
@@ -133,6 +132,8 @@ def of_drives(
             continue
         angle = drive_angle(drive, motion)
         inside = (table.time >= motion.time[0]) & (table.time <= motion.time[-1])
+        from scipy.interpolate import CubicSpline  # takes longer to load than all else here
+
         power = torque[inside] * CubicSpline(motion.time, angle)(table.time[inside], 1)
         if ("power", "drive", name) not in stated:
             yield f"largest power of drive {drive['name']}", _power(table.time[inside], power)

@@ -236,6 +236,26 @@ def from_motion(motion: History, exaggerate: float = 1.0) -> Mechanism:
     return Mechanism(motion.time, bodies, exaggerate)
 
 
+def of_scene(scene: dict) -> Mechanism:
+    """Return the mechanism of a summary's scene as assembled; any exception where that is damaged."""
+    bodies = {}
+    for item in scene["bodies"]:
+        frame = np.array(item["frame"], dtype=float)
+        local = to_local(frame, np.array(item["nodes"], dtype=float).reshape(-1, 2))
+        bodies[item["name"].lower()] = Body(frame[None], local[None], local)
+    mechanism = Mechanism(np.zeros(1), bodies)
+    _add_items(mechanism, scene)
+    return mechanism
+
+
+def zigzag(a: np.ndarray, b: np.ndarray, width: float) -> np.ndarray:
+    """Return the line of a spring between two points, shape (n, 2) [m]."""
+    across = np.array([a[1] - b[1], b[0] - a[0]]) / (np.hypot(*(b - a)) or 1.0)
+    part = np.array([0.0, 0.25, *np.linspace(0.28, 0.72, 12), 0.75, 1.0])
+    swing = width * np.array([0.0, 0.0, *([1.0, -1.0] * 6), 0.0, 0.0])
+    return a + part[:, None] * (b - a) + swing[:, None] * across
+
+
 def from_run(motion: History, exaggerate: float = 1.0) -> Mechanism:
     """Return the mechanism of a motion file with the assembled scene beside it; the bodies alone where there is no summary.json.
 
