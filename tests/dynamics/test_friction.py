@@ -431,6 +431,34 @@ def test_held_means_that_shares_exist(run_deck):
     assert all(0.0 < h[f"on_{pin}.share"].max() < 0.5 for pin in pins)
 
 
+def test_a_mechanism_of_one_freedom_comes_to_rest_in_all_joints_at_once(run_deck):
+    """A four-bar with friction in all four pins swings until it is held: none slides on while another one sticks."""
+    deck = """&scene gravity=0,0.0 /
+&body name='k' mass=1.160 inertia=0.0476 com=0.05955815156899498,0 angle=2.1110335979138943 angular_velocity=4.283 /
+&body name='r' mass=0.598 inertia=0.0414 com=0.21053366643444674,0 position=-0.061266218210914984,0.10215255346487462
+  angle=0.42628796752506065 /
+&body name='s' mass=1.187 inertia=0.0119 com=0.16747213094993765,0 position=0.51150528841993548,0 angle=2.1717481189229817 /
+&joint name='o' type='revolute' body_a='k' friction=0.084 pin_radius=0.020 preload=0.063 /
+&joint name='p' type='revolute' body_a='r' body_b='k' point_b=0.11911630313798996,0 friction=0.206 pin_radius=0.024
+  preload=0.035 /
+&joint name='q' type='revolute' body_a='r' body_b='s' point_a=0.42106733286889347,0 point_b=0.33494426189987531,0
+  friction=0.213 pin_radius=0.014 preload=0.096 /
+&joint name='t' type='revolute' body_a='s' point_b=0.51150528841993548,0 friction=0.287 pin_radius=0.012 preload=0.076 /
+&sensor name='w' quantity='angular_velocity' body='k' /
+&transient t_end=2.0 output_step=0.01 method='dopri5' tolerance=TOLERANCE /
+"""
+    ends = []
+    for tolerance in ("1e-9", "1e-10", "1e-11"):
+        run = run_deck(deck.replace("TOLERANCE", tolerance), name=tolerance)
+        times, words = events_of(run)
+        assert {name for name, *_ in words[-4:]} == {"o", "p", "q", "t"}
+        assert {after for *_, after in words[-4:]} <= {"stuck", "carried"}
+        assert np.ptp(times[-4:]) < 1e-12
+        assert np.abs(run.history["w"][run.history["t"] > times[-1]]).max() < 1e-13
+        ends.append(times[-1])
+    assert np.ptp(ends) < 1e-7
+
+
 def chain(links, angle, friction, transient):
     """Return a deck of equal links with friction in each pin, let go from a straight line."""
     groups = ["&scene gravity=0,-9.81 /"]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 BALL = """&scene gravity=0.0,-9.81 /
 &body name='ball' mass=2.0 inertia=1.0 position=0.0,1.0 /
@@ -316,20 +317,83 @@ def test_a_stop_is_left_whenever_the_load_turns(run_deck):
     assert left == pytest.approx((np.arange(2, 7) * np.pi - 3) / (2 * np.pi), abs=1e-9)
 
 
+def block_before_a_wall(end):
+    """Return the events of the block of WALLS with friction, a rebound of 0.5 and one wall; each motion is a closed form."""
+    largest, kinetic, static, w, wall = 6.0, 0.2 * 9.81, 0.25 * 9.81, 2 * np.pi, 0.05
+    t, x, v, sign, found = 0.0, 0.1, -0.3, -1, []
+    ways = {1: "forward", -1: "backward"}
+
+    def load(s):
+        return largest * np.sin(w * s + 3.0)
+
+    def first(g, begin):
+        grid = begin + (end - begin) * np.r_[1e-12 * 1.3 ** np.arange(100), np.linspace(1e-3, 1.0, 3000)]
+        falls = np.flatnonzero((g(grid[:-1]) > 0) & (g(grid[1:]) <= 0))
+        return brentq(g, grid[falls[0]], grid[falls[0] + 1], xtol=1e-16) if len(falls) else np.inf
+
+    while True:
+        a, b, p = largest / w, -sign * kinetic, w * t + 3.0
+
+        def speed(s, t=t, v=v, a=a, b=b, p=p):
+            return v + b * (s - t) + a * (np.cos(p) - np.cos(w * s + 3.0))
+
+        def place(s, t=t, x=x, v=v, a=a, b=b, p=p):
+            return x + (v + a * np.cos(p)) * (s - t) + b * (s - t) ** 2 / 2 - a / w * (np.sin(w * s + 3.0) - np.sin(p))
+
+        turn = first(lambda s, sign=sign, speed=speed: sign * speed(s), t)
+        hit = first(lambda s, place=place: place(s) - wall, t) if sign < 0 else np.inf
+        t = min(turn, hit)
+        if t > end:
+            return found
+        if turn < hit:
+            found.append((t, "rail", ways[sign], ways[-sign]))
+            x, v, sign = place(t), 0.0, -sign
+            assert sign * load(t) > static
+            continue
+        x, v, sign, fall = wall, -0.5 * speed(t), 1, kinetic - load(t)
+        found.append((t, "wall", "open", "lower_rebound"))
+        if v**2 > 2 * fall * 1e-11 * 0.1:  # the scene is 0.1 m large
+            found.append((t, "rail", "backward", "forward"))
+            continue
+        found += [(t + 4 * v / fall, "wall", "open", "lower"), (t, "rail", "backward", "carried")]
+        t = first(lambda s: -static - load(s), t)  # friction alone holds it, at the wall
+        found += [(t, "wall", "lower", "lower_idle"), (t, "rail", "carried", "stuck")]
+        t = first(lambda s: static - load(s), t)
+        found += [(t, "wall", "lower_idle", "open"), (t, "rail", "stuck", "forward")]
+        v = 0.0
+
+
 def test_friction_and_rigid_stops_together(run_deck):
-    """Rebounds, rest at the wall by friction alone, shares of both: two methods have the same events, none of rounding."""
+    """Rebounds, rest at the wall by friction alone, shares of both: two methods have the events of an independent program."""
     deck = WALLS.replace("FRICTION", "friction=0.2 friction_static=0.25").replace(" upper=0.2", "").replace("RESTITUTION", "0.5")
     runs = [run_deck(deck.replace("METHOD", f"'{method}' tolerance=1e-10"), name=method) for method in ("dopri5", "radau")]
-    first, second = (events_of(run) for run in runs)
-    assert [words[1:4] for words in first] == [words[1:4] for words in second]
-    assert len(first) == 44
-    assert np.abs(np.array([words[0] for words in first]) - [words[0] for words in second]).max() < 1e-9
-    assert min(words[4] for words in first if "rebound" in words[3]) > 1e-9
-    pairs = (("open", "lower"), ("lower", "lower_idle"))
-    closed, opened = (next(words[0] for words in first if words[2:4] == pair) for pair in pairs)
+    expected = block_before_a_wall(3.0)
+    closed, opened = (next(words[0] for words in expected if words[2:4] == pair) for pair in (("open", "lower"), ("lower", "lower_idle")))
     for run in runs:
+        events = events_of(run)
+        assert [words[1:4] for words in events] == [words[1:] for words in expected]
+        assert np.abs(np.array([words[0] for words in events]) - [words[0] for words in expected]).max() < 1e-9
         assert run.transient["energy_balance"] < 1e-8
         assert run.transient["friction"][0]["undetermined"] == pytest.approx(opened - closed, abs=1e-5)  # closing is dated later
+
+
+@pytest.mark.parametrize("method", ["'dopri5' tolerance=1e-5", "'dopri5' tolerance=1e-9", *METHODS[2:]])
+def test_all_loads_pass_through_zero_at_an_event(method, run_deck):
+    """A sled pushes another one, whose rail presses nothing, by a stop; both part when the load of all is zero, at pi."""
+    run = run_deck("""&body name='a' mass=1.467 inertia=0.05 /
+&joint name='ra' type='prismatic' body_a='a' friction=0.236 /
+&body name='b' mass=1.406 inertia=0.05 position=0.5,0 /
+&joint name='rb' type='prismatic' body_a='b' body_b='a' point_a=-0.5,0 friction=0.146 /
+&stop name='ab' type='position' body_a='b' body_b='a' lower=0.462 upper=0.646 restitution=0.0 /
+&stop name='wall' type='position' body_a='a' lower=-0.258 upper=0.684 restitution=0.0 /
+&history name='h' kind='sine' amplitude=4.430 frequency=0.939 phase=0.245 /
+&force name='f' type='force' body='a' point=0.120,-0.171 fx=3.796 fy=0.476 history='h' /
+&sensor name='b' quantity='velocity' body='b' /
+&transient t_end=0.55 output_step=0.01 method={method} /
+""".replace("{method}", method))
+    left = [words[0] for words in events_of(run) if words[1:4] == ("ab", "lower", "open")]
+    assert left == pytest.approx([(np.pi - 0.245) / (2 * np.pi * 0.939)], abs=1e-9)
+    assert np.ptp(run.history["b.x"][run.history["t"] > left[0]]) < 1e-9  # nothing acts on it any more
 
 
 GEARED = """&body name='a' mass=1.0 inertia=0.05 /

@@ -8,6 +8,7 @@ module march_failure
   use contact_mass, only: drives_against, mass_at
   use evaluation_results, only: evaluation
   use projection, only: open_constraints
+  use root_watch, only: most_roots
   use scene_run, only: run_state
   use slipping, only: pressing
   use step_control, only: error_norm
@@ -89,9 +90,9 @@ contains
       if (run%sys%conflict > 0) then
         text = rigid_conflict(run, march%t)
       else
-        text = 'events follow one another without end at t = '//number(march%t)//' s, in'//last_elements(run)// &
-               ': more than 1000 in a millionth of the run; their limits may exclude one another, or a drive may press against '// &
-               'a limit that yields too little: check limits and stiffnesses'
+        text = 'events follow one another without end at t = '//number(march%t)//' s, in'// &
+               last_elements(run, march%roots%fallen)//': more than 1000 in a millionth of the run; their limits may '// &
+               'exclude one another, or a drive may press against a limit that yields too little: check limits and stiffnesses'
       end if
     case default      ! trouble_size
       text = 'the solution diverged at t = '//number(march%tried)//' s'//growing_body(run, norm, march%trial)
@@ -201,20 +202,31 @@ contains
     text = text//'; give the stop a stiffness, or check drives and limits'
   end function rigid_conflict
 
-  !> The elements of the last events, as part of a sentence.
-  function last_elements(run) result(text)
+  !> The elements and controllers of the last events, also of those that changed no state, as part of a sentence.
+  function last_elements(run, fallen) result(text)
     type(run_state), intent(in) :: run
+    logical, intent(in) :: fallen(:)           !! (roots) those of the last event
     character(:), allocatable :: text
+    logical :: named(run%sys%m%s%elements + size(run%sys%m%s%controllers))
     integer :: k, n
     text = ''
-    n = 0
-    associate (list => run%sys%events, s => run%sys%m%s)
-      do k = 1, s%elements
-        if (.not. any(list%items(max(1, list%count - 99):list%count)%element == k)) cycle
-        n = n + 1
-        if (n == 5) text = text//' and others'
-        if (n > 4) cycle
-        text = text//' "'//element_name(run%sys%m, k)//'"'
+    associate (list => run%sys%events, elements => run%sys%m%s%elements)
+      named = [(any(fallen(most_roots*k - most_roots + 1:most_roots*k)), k=1, elements), &
+               (any(fallen(most_roots*elements + 2*k - 1:most_roots*elements + 2*k)), k=1, size(named) - elements)]
+      do k = max(1, list%count - 99), list%count
+        named(list%items(k)%element) = .true.
+      end do
+      n = 0
+      do k = 1, size(named)
+        if (named(k)) n = n + 1
+        if (.not. named(k) .or. n > 5) cycle
+        if (n == 5) then
+          text = text//' and others'
+        else if (k <= elements) then
+          text = text//' "'//element_name(run%sys%m, k)//'"'
+        else
+          text = text//' "'//trim(run%sys%m%s%controllers(k - elements)%name)//'"'
+        end if
       end do
     end associate
   end function last_elements

@@ -105,9 +105,9 @@ contains
     at = self%motion_at(0.0_wp, y)
     call pass_impacts(self%m, self%ev, at, none, unheard, x)
     no_row = spread(.false., 1, size(x%side))
-    set = resting_set(x%side, no_row, no_row, no_row, free)
+    set = resting_set(x%side, no_row, 0*x%side, free)
     call hold_resting(self%m, self%ev, at, none, set, more)
-    call settle_rows(self%m, self%ev, at, none, set, ok, k)
+    call settle_rows(self%m, self%ev, at, 0.0_wp, set, ok, k)
     if (size(self%m%s%friction) > 0 .and. .not. free) call check_friction(self, ok)
   end subroutine hold_rows
 
@@ -267,16 +267,9 @@ contains
     type(resting_set) :: set
     real(wp), dimension(size(x%side)) :: u, flight, last   ! speeds of rebounds [m/s]; their times, of the last ones [s]
     logical :: more, closed(size(x%side))
-    integer :: k, i
     ok = .false.
     closed = .false.
-    set = resting_set(x%side, closed, closed, closed)
-    do k = 1, self%events%count
-      associate (event => self%events%items(k))
-        i = event%element - size(self%tally)
-        if (i > 0 .and. abs(event%t - t) <= 0.0_wp) set%fresh(i) = abs(event%to) == row_slips
-      end associate
-    end do
+    set = resting_set(x%side, closed, 0*x%side)
     last = 0.0_wp
     do
       do
@@ -285,7 +278,8 @@ contains
         call take_rates(self, t, y, x)
         closed = .false.
       end do
-      if (self%conflict == 0) call settle_rows(self%m, self%ev, self%motion_at(t, y), fallen, set, ok, self%conflict)
+      if (self%conflict == 0) call settle_rows(self%m, self%ev, self%motion_at(t, y), difference_time*self%output_step, set, ok, &
+                                               self%conflict)
       call close_low(self%m, self%ev, set, least_rebound*self%m%s%size, u, flight, closed)
       if (.not. (ok .and. any(closed))) exit
       where (closed) last = flight
@@ -304,7 +298,7 @@ contains
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     type(impact_result), intent(in) :: x
     logical :: ok
-    if (self%ev%broken .or. .not. (self%has_manifold .or. any(x%side /= 0))) return
+    if (.not. (self%has_manifold .or. any(x%side /= 0))) return
     associate (n => self%m%s%nq, i => 2*self%m%s%nq + self%m%s%nz, e => 2*self%m%s%nq + self%m%s%nz + self%m%s%nzd)
       call project(self%m, self%ev, self%options, t, y(1:n), y(n + 1:2*n), y(2*n + 1:i), y(i + 1:e), ok)
     end associate

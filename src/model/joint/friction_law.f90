@@ -132,13 +132,11 @@ contains
     s = 1.0_wp - 2*[mod(nint(memory), 2), nint(memory)/2]
   end function pad_signs
 
-  !> The same from the multipliers; those that have just fallen to zero are the opposite of before.
-  pure real(wp) function pad_code(self, lambda, before, fallen) result(memory)   ! [-]
+  !> The same from the multipliers.
+  pure real(wp) function pad_code(self, lambda) result(memory)   ! [-]
     class(coulomb_law), intent(in) :: self
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    real(wp), intent(in) :: before        !! [-]
-    logical, intent(in) :: fallen(most_pads)
-    memory = dot_product([1, 2], merge(1, 0, merge(self%pad_signs(before) > 0.0_wp, self%pads(lambda) < 0.0_wp, fallen)))
+    memory = dot_product([1, 2], merge(1, 0, self%pads(lambda) < 0.0_wp))
   end function pad_code
 
   !> The direction in which it slides, 0 at rest.
