@@ -368,7 +368,8 @@ def test_friction_and_rigid_stops_together(run_deck):
     deck = WALLS.replace("FRICTION", "friction=0.2 friction_static=0.25").replace(" upper=0.2", "").replace("RESTITUTION", "0.5")
     runs = [run_deck(deck.replace("METHOD", f"'{method}' tolerance=1e-10"), name=method) for method in ("dopri5", "radau")]
     expected = block_before_a_wall(3.0)
-    closed, opened = (next(words[0] for words in expected if words[2:4] == pair) for pair in (("open", "lower"), ("lower", "lower_idle")))
+    pairs = (("open", "lower"), ("lower", "lower_idle"))
+    closed, opened = (next(words[0] for words in expected if words[2:4] == pair) for pair in pairs)
     for run in runs:
         events = events_of(run)
         assert [words[1:4] for words in events] == [words[1:] for words in expected]

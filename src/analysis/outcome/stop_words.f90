@@ -1,5 +1,6 @@
 !> Lines of the summary about events and their stops.
 module stop_words
+  use transient, only: transient_march
   use contact_mass, only: mass_at, drives_against
   use evaluation_results, only: evaluation
   use kinds, only: wp
@@ -10,7 +11,6 @@ module stop_words
   use stop_advice, only: cannot_follow
   use summary_text, only: summary_record
   use text, only: either, es_text, to_text
-  use transient, only: transient_march
   implicit none (type, external)
   private
   public :: stop_lines
