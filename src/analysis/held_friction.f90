@@ -5,6 +5,7 @@ module held_friction
   use kinds, only: wp
   use scene_run, only: run_state
   use summary_text, only: summary_record
+  use text, only: in_quotes
   implicit none (type, external)
   private
   public :: set_friction, tell_friction
@@ -22,34 +23,28 @@ contains
   subroutine tell_friction(run, text)
     type(run_state), intent(in) :: run
     type(summary_record), intent(inout) :: text
-    character(:), allocatable :: held, sliding, free
+    character(32), allocatable :: names(:)
+    logical, allocatable :: held(:), slides(:)
     integer :: k
-    held = ''
-    do k = size(run%sys%m%s%constraints) - run%sys%m%s%stop_rows + 1, size(run%sys%m%s%constraints)
-      associate (row => run%sys%m%s%constraints(k)%item)
-        if (row%holds(run%sys%ev%switches%state(row%switch_number))) held = held//' "'//trim(row%name)//'"'
+    associate (s => run%sys%m%s, laws => run%sys%m%s%friction, states => run%sys%ev%switches%state)
+      associate (rows => s%constraints(size(s%constraints) - s%stop_rows + 1:))
+        names = [(rows(k)%item%name, k=1, size(rows))]
+        held = [(rows(k)%item%holds(states(rows(k)%item%switch_number)), k=1, size(rows))]
       end associate
-    end do
-    if (len(held) > 0) call text%line('  rigid stops that are closed:{closed_stops='//held//'}')
-    held = ''
-    sliding = ''
-    free = ''
-    do k = 1, size(run%sys%m%s%friction)
-      associate (law => run%sys%m%s%friction(k), row => run%sys%m%s%constraints(run%sys%m%s%permanent + k)%item)
-        associate (state => run%sys%ev%switches%state(law%number), name => ' "'//trim(row%name)//'"')
-          if (state == row_stuck) then
-            held = held//name
-          else if (law%slides(state) /= 0) then
-            sliding = sliding//name
-          else
-            free = free//name
-          end if
-        end associate
-      end associate
-    end do
-    if (len(held) > 0) call text%line('  joints held by their friction:{held_by_friction='//held//'}')
-    if (len(sliding) > 0) call text%line('  joints that slide, with the friction of this state as a constant force:'// &
-                                         '{constant_friction='//sliding//'}')
-    if (len(free) > 0) call text%line('  joints that move without their friction:{without_friction='//free//'}')
+      call tell('  rigid stops that are closed:', 'closed_stops', held)
+      names = [(s%constraints(s%permanent + k)%item%name, k=1, size(laws))]
+      held = states(laws%number) == row_stuck
+      slides = [(laws(k)%slides(states(laws(k)%number)) /= 0, k=1, size(laws))] .and. .not. held
+    end associate
+    call tell('  joints held by their friction:', 'held_by_friction', held)
+    call tell('  joints that slide, with the friction of this state as a constant force:', 'constant_friction', slides)
+    call tell('  joints that move without their friction:', 'without_friction', .not. (held .or. slides))
+  contains
+    !> A line where there are any.
+    subroutine tell(sentence, name, chosen)
+      character(*), intent(in) :: sentence, name
+      logical, intent(in) :: chosen(:)             !! (names)
+      if (any(chosen)) call text%line(sentence//'{'//name//'='//in_quotes(pack(names, chosen))//'}')
+    end subroutine tell
   end subroutine tell_friction
 end module held_friction

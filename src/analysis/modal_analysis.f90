@@ -1,6 +1,6 @@
 !> The modal analysis: undamped and complex modes of the constrained scene about its present state, into modes.txt.
 module modal_analysis
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
@@ -46,7 +46,9 @@ contains
     call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), modes, failed)
     if (failed) call no_output(run, fail)
     call modal_lines(run, modes, ds, text)
-    call text%warn(outside_band(run, 'damped modes', frequencies(modes)))
+    associate (f => abs(modes%lambda(:modes%count)%im)/(2*pi), damped => modes%kind(:modes%count) == vibration_mode)
+      call text%warn(outside_band(run, 'damped modes', pack(f, damped .and. f > 0.0_wp)))
+    end associate
     call say_what_is_missing(modes, failed, words)
     if (failed) then
       call fail%raise(status_failed, words)
@@ -55,19 +57,6 @@ contains
     end if
     call run_loops(run, ds, text, fail)
   end subroutine run_modal
-
-  !> Frequencies of the damped modes that oscillate [Hz].
-  function frequencies(modes) result(f)
-    type(mode_set), intent(in) :: modes
-    real(wp), allocatable :: f(:)    !! [Hz]
-    real(wp) :: x(9)
-    integer :: k
-    f = [real(wp) ::]
-    do k = 1, modes%count
-      x = mode_figures(modes, k)
-      if (modes%kind(k) == vibration_mode .and. x(4) > 0.0_wp) f = [f, x(4)]
-    end do
-  end function frequencies
 
   !> The table of modes for the summary.
   subroutine modal_lines(run, modes, ds, text)

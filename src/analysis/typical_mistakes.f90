@@ -98,7 +98,8 @@ contains
   !> Lengths in millimetres beside gravity in m/s2, or the other way round.
   subroutine millimetres(d)
     type(deck), intent(in) :: d
-    real(wp) :: g, size_of, reach(0:size(d%bodies))   ! of the points that are named on each body [m]
+    real(wp) :: g, size_of, reach(0:size(d%bodies))   ! of the points that are named on each body, from its frame [m]
+    type(marker_record), allocatable :: named(:)
     integer :: k
     g = norm2(d%scene%gravity)
     if (g > 1000.0_wp) call warn(d%scene%at, 'gravity of '//to_text(g)//' m/s2: mm/s2 for m/s2?')
@@ -108,7 +109,11 @@ contains
       call warn_if(size_of > deepest, d%sections(k)%at, &
                    'a depth of about '//to_text(size_of)//' m beside gravity in m/s2: mm for m?')
     end do
-    call reach_of(d, reach)
+    reach = [0.0_wp, (norm2(d%bodies(k)%com), k=1, size(d%bodies))]
+    named = [list_markers(d), d%lumps%marker]
+    do k = 1, size(named)
+      reach(named(k)%body) = max(reach(named(k)%body), norm2(named(k)%point))
+    end do
     do k = 1, size(d%bodies)
       size_of = max(reach(k), d%bodies(k)%length)
       call warn_if(size_of > longest .or. (d%bodies(k)%kind == 'rigid' .and. size_of > 10.0_wp .and. &
@@ -116,27 +121,6 @@ contains
                    'it reaches '//to_text(size_of)//' m beside gravity in m/s2: mm for m?')
     end do
   end subroutine millimetres
-
-  !> How far the points that are named on each body lie from its frame.
-  subroutine reach_of(d, reach)
-    type(deck), intent(in) :: d
-    real(wp), intent(out) :: reach(0:)         !! [m]
-    integer :: k
-    reach = [0.0_wp, (norm2(d%bodies(k)%com), k=1, size(d%bodies))]
-    call add(d%joints%a)
-    call add(d%joints%b)
-    call add(d%springs%a)
-    call add(d%springs%b)
-    call add(d%stops%a)
-    call add(d%stops%b)
-    call add(d%lumps%marker)
-  contains
-    !> One point.
-    impure elemental subroutine add(p)
-      type(marker_record), intent(in) :: p
-      reach(p%body) = max(reach(p%body), norm2(p%point))
-    end subroutine add
-  end subroutine reach_of
 
   !> Bodies beside others that nothing holds, touches or sets in motion.
   subroutine loose_bodies(d)

@@ -4,7 +4,7 @@ module text
   implicit none (type, external)
   private
   character(*), parameter, public :: digits = '0123456789', letters = 'abcdefghijklmnopqrstuvwxyz'
-  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, hexadecimal, joined, listed, either, quoted, &
+  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, hexadecimal, joined, listed, in_quotes, either, quoted, &
     nearest_word, meant_word, word_hash
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
@@ -139,6 +139,14 @@ contains
       if (k < size(words)) t(last + 1:n) = separator
     end do
   end function joined
+
+  !> Names in quotes, a blank before each: the end of a sentence.
+  pure function in_quotes(names) result(t)
+    character(*), intent(in) :: names(:)
+    character(:), allocatable :: t
+    t = ''
+    if (size(names) > 0) t = ' "'//joined(names, '" "')//'"'
+  end function in_quotes
 
   !> Two words or more in a sentence: a, b and c.
   pure function listed(words, before_last) result(t)

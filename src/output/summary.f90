@@ -9,7 +9,7 @@ module summary
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
   use program_version, only: version
-  use text, only: either, joined, to_text
+  use text, only: either, in_quotes, to_text
   implicit none (type, external)
   private
   public :: model_lines, version
@@ -163,7 +163,7 @@ contains
     character(32), allocatable :: names(:)
     integer :: k
     names = pack([(m%s%constraints(k)%item%name, k=1, size(m%s%constraints))], report%dependent)
-    text = ' "'//joined(names(:min(most, size(names))), '" "')//'"'
+    text = in_quotes(names(:min(most, size(names))))
     if (size(names) > most) text = text//' and '//to_text(size(names) - most)//' more'
     text = text//'; the reactions of these joints are not determined by rigid-body mechanics (minimum-norm values are reported)'
   end function undetermined

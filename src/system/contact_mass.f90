@@ -6,6 +6,7 @@ module contact_mass
   use mass_solve, only: solve_mass
   use mechanism, only: mechanism_model
   use stops, only: stop_contact, stop_model
+  use text, only: in_quotes
   implicit none (type, external)
   private
   public :: mass_at, time_of_contact, drives_against
@@ -55,12 +56,10 @@ contains
     type(evaluation), intent(in) :: ev
     character(:), allocatable :: names
     integer :: k
-    names = ''
-    do k = m%s%joints + 1, m%s%permanent
-      associate (c => m%s%constraints(k)%item)
-        if (abs(ev%lambda_change(c%first)) > no_motion*maxval(abs(ev%lambda_change))) names = names//' "'//trim(c%name)//'"'
-      end associate
-    end do
+    associate (c => m%s%constraints, change => abs(ev%lambda_change))
+      names = in_quotes(pack([(c(k)%item%name, k=m%s%joints + 1, m%s%permanent)], &
+                             [(change(c(k)%item%first) > no_motion*maxval(change), k=m%s%joints + 1, m%s%permanent)]))
+    end associate
   end function drives_against
 
   !> How long a contact lasts that has just begun, or in which the stop is pressed at rest [s].

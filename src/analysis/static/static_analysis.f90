@@ -14,7 +14,7 @@ module static_analysis
   use scene_run, only: run_state, no_output, stop_if_signalled
   use sensors, only: read_sensors
   use summary_text, only: summary_record
-  use text, only: joined, to_text
+  use text, only: in_quotes, joined, to_text
   use text_file, only: result_file
   use validity, only: validity_watch
   implicit none (type, external)
@@ -32,25 +32,13 @@ contains
     type(evaluation_options) :: options
     options = run%sys%options
     options%stage = stage_static
-    names = names_of(run, free_bodies_under(run, options, both_ways=.true.))
+    names = in_quotes(pack(run%sys%m%s%bodies%name, free_bodies_under(run, options, both_ways=.true.)))
     if (len(names) == 0) return
     names = names//'; expected joints, drives, springs, elastic bodies, or weight and loads that change with the position, '// &
             'that hold every body by more than rounding'
     if (allocated(run%sys%ev%rows%off)) names = names//' (friction of joints does not act in static analyses)'
     call fail%raise(status_bad_input, 'static: left free to move:'//names)
   end subroutine refuse_free_bodies
-
-  !> The names of chosen bodies, a blank before each.
-  function names_of(run, chosen) result(names)
-    type(run_state), intent(in) :: run
-    logical, intent(in) :: chosen(:)
-    character(:), allocatable :: names
-    integer :: b
-    names = ''
-    do b = 1, size(chosen)
-      if (chosen(b)) names = names//' "'//trim(run%sys%m%s%bodies(b)%name)//'"'
-    end do
-  end function names_of
 
   !> Runs the deck's static analysis.
   subroutine run_static(run, text, fail)
@@ -157,14 +145,12 @@ contains
     logical :: moving(size(loose))                   ! (bodies) without what can hold it
     integer :: k
     moving = free_bodies_under(run, part, both_ways=.false.)
-    free = names_of(run, loose .and. moving)
+    free = in_quotes(pack(run%sys%m%s%bodies%name, loose .and. moving))
     if (len(free) == 0) return
-    open = ''
-    do k = 1, run%sys%m%s%stops
-      associate (f => run%sys%m%s%forces(run%sys%m%s%switching(k))%item)
-        if (.not. run%sys%ev%action(run%sys%m%s%switching(k))%force > 0.0_wp) open = open//' "'//trim(f%name)//'"'
-      end associate
-    end do
+    associate (s => run%sys%m%s, action => run%sys%ev%action)
+      open = in_quotes(pack([(s%forces(s%switching(k))%item%name, k=1, s%stops)], &
+                            [(.not. action(s%switching(k))%force > 0.0_wp, k=1, s%stops)]))
+    end associate
     if (run%sys%m%s%stops == 0) then
       call fail%raise(status_failed, 'static: nothing holds'//free//' where it came to; expected loads that hold it there')
     else
@@ -181,7 +167,7 @@ contains
     type(failure), intent(inout) :: fail
     character(:), allocatable :: why
     why = 'the loads may exceed what the structure can carry (buckling), or need more load steps'
-    if (any(loose)) why = why//', or drive on without end what only they hold:'//names_of(run, loose)
+    if (any(loose)) why = why//', or drive on without end what only they hold:'//in_quotes(pack(run%sys%m%s%bodies%name, loose))
     call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//to_text(step)//' of '// &
                     to_text(run%d%static%load_steps)//': '//why)
   end subroutine no_equilibrium
