@@ -27,7 +27,7 @@ STEP = 1.0e-3  # of the differences on both sides, in parts of the ranges
 INSIDE = 1.0e-3  # distance of a start from the ends of the ranges
 SURE = 0.95  # chance that an interval holds the true value
 TIED = 0.9  # size of a correlation from which it is told
-HEADER = ("parameter", "unit", "value", "from", "to", "standard error in parts of the range")
+HEADER = ("parameter", "unit", "value", "from", "to")
 
 
 @dataclass(frozen=True)
@@ -99,15 +99,13 @@ class Identified:
     @property
     def rows(self) -> list[list]:
         """The table of the parameters, whose head is HEADER."""
-        errors = np.sqrt(np.diagonal(self.covariance))
-        return [[one.name, one.unit, self.parameters[one.name], *self.intervals[one.name], errors[k]]
-                for k, one in enumerate(self.space.free)]  # fmt: skip
+        return [[one.name, one.unit, self.parameters[one.name], *self.intervals[one.name]] for one in self.space.free]
 
     @property
     def report(self) -> list[str]:
         """What was found, in lines."""
         lines = []
-        for name, unit, value, low, high, _ in self.rows:
+        for name, unit, value, low, high in self.rows:
             lines.append(f"  {name} = {value:.6g} {unit}".rstrip() + f", 95 % from {low:.6g} to {high:.6g}")
         words = "of the stated errors" if self.stated else "standard error of a measured value"
         lines.append(f"  misfit {self.misfit:.4g}, {words}; {self.degrees + len(self.space.free)} measured values")
@@ -151,8 +149,11 @@ def identify(options: StudyOptions) -> Identified:
         raise HistoryError(f"{options.study}: {wanted} expected")
     with DesignRuns(study, deck, options, folder) as runs:
         search = _Search(runs, space, [one.error or 1.0 for one in misfits])
-        best, position = search.find()
-        slopes = search.slopes(position)
+        try:
+            best, position = search.find()
+            slopes = search.slopes(position)
+        except RunsOverError:
+            raise HistoryError(f"{options.study}: runs = {study.runs} are too few") from None
     degrees = len(slopes) - len(space.free)
     if degrees < 1:
         raise HistoryError(f"{options.study}: {len(slopes)} measured values for {len(space.free)} parameters: more expected")
@@ -167,7 +168,7 @@ def identify(options: StudyOptions) -> Identified:
     if stated and stats.chi2.sf(misfit**2 * degrees, degrees) < 1.0e-3:
         notes.append("the differences are larger than the stated errors allow: the model or these are wrong; intervals too small")
     notes += [f"{one.name} is at an end of its range: its interval does not hold" for one, unit in zip(space.free, position)
-              if min(unit, 1.0 - unit) < 1.0e-6]  # fmt: skip
+              if min(unit, 1.0 - unit) < INSIDE]  # fmt: skip
     known = (study, space, best, position, directions, singular, factor, degrees, misfit, stated, runs.units)
     found = Identified(*known, folder, notes)
     remove_noted(folder)
@@ -224,18 +225,12 @@ class _Search:
             raise HistoryError(f"none of {len(made)} runs all over the ranges gave its results: {made[0].reason}")
         good.sort(key=lambda one: self.squares(one[0]))
         self.far = 10.0 * np.abs(self.scaled(good[-1][0]))
-        ends = []
-        try:
-            for _, start in good[: self.runs.study.starts]:
-                ends_at = dict(bounds=(0.0, 1.0), xtol=1.0e-7, ftol=1.0e-9, gtol=1.0e-12)
-                ended = least_squares(self.differences, start, self.slopes, **ends_at)
-                ends.append((self.designs([ended.x])[0], ended.x))
-        except RunsOverError:
-            self.notes.append(f"runs = {self.runs.study.runs}: they are used up; the search was not finished")
-        ends = sorted([one for one in ends if one[0].ok] or good, key=lambda one: self.squares(one[0]))
-        elsewhere = [one for one, _ in ends if self.squares(one) > 1.01 * self.squares(ends[0][0])]
-        if elsewhere and len(ends) <= self.runs.study.starts:
-            self.notes.append(f"{len(elsewhere)} of {len(ends)} searches ended elsewhere, with a larger misfit")
+        how = dict(bounds=(0.0, 1.0), xtol=1.0e-7, ftol=1.0e-9, gtol=1.0e-12)
+        found = [least_squares(self.differences, at, self.slopes, **how).x for _, at in good[: self.runs.study.starts]]
+        ends = sorted(zip(self.designs(found), found), key=lambda one: self.squares(one[0]))
+        elsewhere = sum(self.squares(one) > 1.01 * self.squares(ends[0][0]) for one, _ in ends)
+        if elsewhere:
+            self.notes.append(f"{elsewhere} of {len(ends)} searches ended elsewhere, with a larger misfit")
         return ends[0]
 
     def squares(self, design: Design) -> float:

@@ -17,6 +17,7 @@ from .histories import History, read
 from .picture_files import save
 from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
 from .result_files import HistoryError
+from .sweep_scalars import orders as orders_of
 from .sweep_scalars import spectral_line
 
 if TYPE_CHECKING:
@@ -175,14 +176,6 @@ class Spectrum:
         return self.to_dataframe().to_html()
 
 
-def whole_turns(turned: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return orders and their amplitudes over whole turns, from the first row to the last: no window, no trend removed."""
-    along = np.abs(turned - turned[0])
-    even = along[-1] * np.arange(values.size) / values.size
-    size = 2.0 * np.abs(np.fft.rfft(make_interp_spline(along, values, k=3)(even))) / values.size
-    return np.arange(size.size) / along[-1], size
-
-
 def spectrum(
     run: History,
     columns: list[str],
@@ -216,7 +209,7 @@ def spectrum(
     for name in run.match(columns):
         if turns:
             found.units[name] = run.units[name]
-            order, size = found.amplitudes[name] = whole_turns(axis_values, run[name])
+            order, size = found.amplitudes[name] = orders_of(axis_values, run[name])
             largest = np.argsort(-size[1:], kind="stable")[:most] + 1
             seen = sorted(k for k in largest if size[k] > LEAST_ORDER * size.max())
             found.lines.extend(Line(name, float(order[k]), 0.0, float(size[k])) for k in seen)

@@ -27,6 +27,7 @@ ROUNDING = 1.0e-12  # of a number that no step in time has made
 BETWEEN_ROWS = ("peak", "min", "max", "range", "value")
 HALF_THE_ROWS = 1.0 / 32.0  # error of a polynomial of degree five or six with all rows, in parts of that with every second row
 EDGE = 1.0e-9  # of what the rows span, by which their ends may err
+FINER = 4  # samples of a spline in a row, for its orders
 NEIGHBOURS = 3  # rows on either side of an extreme, which its polynomial passes through
 OF_COLUMN = {"peak": 1.0, "min": 1.0, "max": 1.0, "mean": 1.0, "final": 1.0, "value": 1.0, "rms": 1.0, "range": 2.0}
 
@@ -119,12 +120,16 @@ class Scalar:
         for word, value in (numbers | above).items():
             if type(value) not in (int, float) or (word in above and not value >= 0.0):
                 raise ValueError(f"{word} = {value!r}: a number expected" + (", 0 or more" if word in above else ""))
-        for word, measures in (("reference", ("rms", "order")), ("order", ("order",)), ("strength", ("damage",))):
+        owners = {"reference": ("rms", "order"), "order": ("order",), "strength": ("damage",), "within": ("settling_time",)}
+        for word, measures in (owners | {"measured": ("misfit",), "error": ("misfit",)}).items():
             if getattr(self, word) and self.measure not in measures:
-                raise ValueError(f"{word} belongs to measure = {' or '.join(map(repr, measures))}")
+                told = "data" if word == "measured" else word
+                raise ValueError(f"{told} belongs to measure = {' or '.join(map(repr, measures))}")
         for measure, words in (("order", ("order",)), ("damage", ("strength", "cycles", "slope"))):
             if self.measure == measure and not all(getattr(self, word) for word in words):
                 raise ValueError(f"measure = {measure!r} needs {', '.join(words)}")
+        if type(self.periods) is not int:
+            raise ValueError(f"periods = {self.periods!r}: a whole number expected")
         if self.measure == "misfit" and not self.measured:
             raise ValueError("measure = 'misfit' needs data = 'FILE.csv', what was measured")
 
@@ -192,7 +197,11 @@ class Scalar:
             return np.nan
         if self.measure == "order":
             turn = axis / (self.period or np.ptp(axis)) if angle is None else np.interp(axis, all_rows, angle) / (2.0 * np.pi)
-            return self._level(order(turn, values, self.order), np.sqrt(2.0))
+            places, sizes = orders(turn, values)
+            k = int(np.argmin(np.abs(places - self.order)))
+            if abs(places[k] - self.order) > 1.0e-6:
+                raise ValueError(f"order = {self.order:g} is none of {np.ptp(turn):.3g} periods of {values.size} rows")
+            return self._level(sizes[k], np.sqrt(2.0))
         simple = {
             "peak": lambda: self.extremes(axis, values)[0][1],
             "rms": lambda: self._level(np.sqrt(np.trapezoid(values**2, axis) / np.ptp(axis)) if np.ptp(axis) else abs(values[0])),
@@ -332,20 +341,19 @@ def first_of_whole(turns: np.ndarray, axis: np.ndarray, count: int) -> float:
     return float(np.interp(0.0, way * (turns - turns[-1]) + (count or there), axis))
 
 
-def order(turns: np.ndarray, values: np.ndarray, number: float) -> float:
-    """Return the amplitude of an order over whole turns: twice the size of the Fourier coefficient.
+def orders(turned: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return orders and their amplitudes over whole turns, from the first row to the last: no window, no trend removed.
 
     Args:
-        turns: at each row, ascending or descending, a whole number from the first to the last
+        turned: turns at each row, ascending or descending
         values: of a column
-        number: of vibrations in a turn
     """
     from scipy.interpolate import make_interp_spline
 
-    along = np.abs(turns - turns[0])
-    even = along[-1] * np.arange(8 * values.size) / (8 * values.size)
-    part = make_interp_spline(along, values, k=min(3, values.size - 1))(even) * np.exp(-2j * np.pi * number * even)
-    return float(2.0 * abs(part.mean()))
+    along = np.abs(turned - turned[0])
+    even = along[-1] * np.arange(FINER * values.size) / (FINER * values.size)
+    size = 2.0 * np.abs(np.fft.rfft(make_interp_spline(along, values, k=min(3, values.size - 1))(even))) / even.size
+    return np.arange(values.size // 2) / along[-1], size[: values.size // 2]
 
 
 def decay_rate(time: np.ndarray, values: np.ndarray) -> float:

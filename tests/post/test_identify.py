@@ -96,9 +96,10 @@ def test_intervals_hold_what_was_planted_in_95_of_100_draws(tmp_path, stated):
     ("change", "told"),
     [
         (("from = 20.0\nto = 80.0", "values = [30.0, 50.0]"), "parameters with from and to expected, none with a list"),
-        (('measure = "misfit"', 'measure = "peak"'), "a result with measure = 'misfit' expected"),
+        (('measure = "misfit"', 'measure = "peak"'), "data belongs to measure = 'misfit'"),
         (('"ring_down.csv"', '"none.csv"'), "none.csv: no such file"),
         (('column = "turn"', 'column = "turning"'), "no column 'turning'"),
+        (('deck = ', 'runs = 20\ndeck = '), "runs = 20 are too few"),
     ],
 )
 def test_what_cannot_be_identified_is_told(tmp_path, change, told):
@@ -106,6 +107,8 @@ def test_what_cannot_be_identified_is_told(tmp_path, change, told):
     (tmp_path / "study.toml").write_text(text)
     with pytest.raises(package.BielaError, match=told):
         package.identify(tmp_path / "study.toml", folder=tmp_path / "out")
+    with pytest.raises(package.BielaError, match="a result with measure = 'misfit' expected"):
+        package.identify(STUDIES / "rod.toml", folder=tmp_path / "out")
 
 
 def test_a_response_differs_by_both_its_parts():
@@ -169,6 +172,8 @@ def test_orders_and_rms_of_whole_turns_are_exact(way):
     assert level.unit("N", "s") == "dB re 1e-06 N"
     with pytest.raises(ValueError, match="5 whole periods, 6 or more expected"):
         Scalar("x", "order", "pin.fx", order=1.0, period="crank", periods=6).of(time, force, 2.0 * np.pi * turns)
+    with pytest.raises(ValueError, match=r"order = 1\.5 is none of 1 periods"):
+        Scalar("x", "order", "pin.fx", order=1.5, period="crank", periods=1).of(time, force, 2.0 * np.pi * turns)
     wave = np.sin(2.0 * np.pi * time / 0.3)
     assert Scalar("x", "rms", "c", period=0.3).of(time, wave) == pytest.approx(math.sqrt(0.5), rel=1.0e-5)
     assert Scalar("x", "mean", "c", period=0.3, start=0.31).of(time, wave) == pytest.approx(0.0, abs=1.0e-5)
@@ -213,6 +218,8 @@ def test_the_damage_of_a_sine_is_known():
         ({"measure": "peak", "reference": 1.0}, "reference belongs to measure = 'rms' or 'order'"),
         ({"measure": "settling_time", "within": -1.0}, "within = -1.0: a number expected, 0 or more"),
         ({"measure": "misfit"}, "measure = 'misfit' needs data"),
+        ({"measure": "mean", "measured": ((1.0,), (2.0,))}, "data belongs to measure = 'misfit'"),
+        ({"measure": "mean", "period": 0.1, "periods": 1.5}, "periods = 1.5: a whole number expected"),
     ],
 )
 def test_words_that_do_not_go_together(words, told):
