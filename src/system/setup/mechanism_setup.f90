@@ -3,7 +3,8 @@
 module mechanism_setup
   use attachments, only: attach_markers
   use kinds, only: wp
-  use evaluation_results, only: evaluation, set_up_evaluation
+  use evaluation_results, only: evaluation
+  use force_element, only: by_position
   use incidence, only: collect_incidence
   use mechanism, only: mechanism_model, factor_frame
   use multipliers, only: multiplier_system
@@ -30,6 +31,59 @@ contains
     call find_prototypes(self)
     call set_up_evaluation(self, schur, ev)
   end subroutine set_up_mechanism
+
+  !> Room for the evaluations of a mechanism, whose multipliers' matrix has been ordered; markers on the ground never move.
+  subroutine set_up_evaluation(m, schur, ev)
+    type(mechanism_model), intent(in) :: m
+    type(multiplier_system), intent(in) :: schur     !! ordered by the joint graph
+    type(evaluation), intent(out) :: ev
+    integer :: nb, n, k
+    nb = size(m%s%bodies)
+    n = size(m%incidence%row)
+    ev%schur = schur
+    if (any(m%flexible)) ev%closing = schur
+    associate (f => ev%frame)
+      allocate (f%angle(nb), source=huge(1.0_wp))
+      allocate (f%cos(nb), f%sin(nb), f%l(3, nb), f%dinv(3, nb), f%rhs(3, nb), f%free(3, nb), f%response(3, nb), &
+                f%first_moment(2, nb), source=0.0_wp)
+    end associate
+    allocate (ev%side%w(3, n), ev%side%frame_wrench(3, n), ev%side%g(3, n), ev%side%rigid_wrench(3, n), source=0.0_wp)
+    associate (r => ev%rows)
+      n = m%s%rows
+      allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%sc(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
+      if (m%s%rows > m%s%permanent_rows) then
+        allocate (r%off(n), source=[(k > m%s%permanent_rows, k=1, n)])
+        allocate (r%acceleration(n), source=0.0_wp)
+        associate (w => ev%slip)
+          allocate (w%start(n), w%b(n), w%x(n), w%f(n), w%law(n), w%slope(2, size(m%s%friction)), w%ab(0, 0), source=0.0_wp)
+          w%weighed = w%slope
+          allocate (w%law_of(n), w%pivots(0), w%column(2, size(m%s%friction)), source=0)
+        end associate
+      end if
+    end associate
+    allocate (ev%dissipated_in(nb), source=0.0_wp)
+    allocate (ev%elastic(nb), ev%attached(nb), ev%action(size(m%s%forces)), ev%work(2, maxval([0, m%s%bodies%nf])))
+    do k = 1, nb
+      if (.not. m%flexible(k)) cycle
+      call ev%elastic(k)%allocate(m%s%bodies(k))
+      ev%factorisations = ev%factorisations + m%s%bodies(k)%basis%factors
+      n = size(m%attached(k)%marker)
+      allocate (ev%attached(k)%ex(3, n), ev%attached(k)%ey(3, n), ev%attached(k)%load(size(m%attached(k)%columns, 2)), &
+                source=0.0_wp)
+    end do
+    allocate (ev%displacement(3, size(m%s%markers)), source=0.0_wp)
+    allocate (ev%wrench(3, size(m%s%markers)), ev%lambda(m%s%rows), ev%lambda_change(m%s%rows), ev%a(m%s%nq), &
+              ev%change(m%s%nq), ev%zdd(m%s%nz), source=0.0_wp)
+    allocate (ev%control(size(m%s%controllers)))
+    allocate (ev%loss(m%s%term_losses), source=0.0_wp)
+    allocate (ev%switches%state(m%s%elements), source=by_position)
+    allocate (ev%switches%memory(m%s%elements), source=0.0_wp)
+    call ev%p%allocate(size(m%s%markers))
+    do k = 1, size(m%s%markers)
+      if (m%s%markers(k)%body == 0) ev%p%r(:, k) = m%s%markers(k)%x
+      ev%p%rho(:, k) = m%s%markers(k)%x
+    end do
+  end subroutine set_up_evaluation
 
   !> Copies what loops over many rigid bodies and markers need, so that they do not touch the models.
   pure subroutine compact_models(self)
