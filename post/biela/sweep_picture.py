@@ -127,6 +127,8 @@ def draw_identified(study: Study, best: Design, units: list[str]) -> plt.Figure:
             upper.set_ylabel(axis_label(f"{one.column}, amplitude" if len(parts) > 1 else one.column, unit))
             upper.set_yscale("log" if len(parts) > 1 else "linear")
             lower.set_ylabel(axis_label("model less measured", unit))
+            if at[0] > 0.0 and at[-1] > 10.0 * at[0] and len(parts) > 1:
+                upper.set_xscale("log")
             for axis in (upper, lower) if len(parts) > 1 else (upper,):
                 axis.legend(loc="upper right", ncols=2)
         axes[-1, 0].set_xlabel("f [Hz]" if misfits[-1][0].file == "frequency_response" else "t [s]")

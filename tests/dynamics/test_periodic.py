@@ -120,7 +120,7 @@ def test_impact_oscillator(run_deck):
     period, limit, rebound = 2 * math.pi / 12, 0.05, 0.7
     run = run_deck(OSCILLATOR)
     state = np.array([run.history["x.x"][0], run.history["v.x"][0]])
-    hit = brentq(lambda t: linear_flight(t, state, 0.0, parameters)[0][0] - limit, *bracket(run, limit))
+    hit = brentq(lambda t: linear_flight(t, state, 0.0, parameters)[0][0] - limit, *bracket(run))
     before, first = linear_flight(hit, state, 0.0, parameters)
     after = np.array([limit, -rebound * before[1]])
     end, second = linear_flight(period - hit, after, hit, parameters)
@@ -133,7 +133,7 @@ def test_impact_oscillator(run_deck):
     assert abs(np.prod(multipliers(run)) - rebound**2 * math.exp(-0.5 * period)) < 1e-6
 
 
-def bracket(run, limit):
+def bracket(run):
     """Return times around the first impact of a run."""
     events = [line.split() for line in (run.folder / "events.txt").read_text().splitlines() if not line.startswith("#")]
     time = float(events[0][0])
