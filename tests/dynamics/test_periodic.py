@@ -473,3 +473,27 @@ def test_orbit(run_deck):
     plain = ROTOR.replace("&periodic period_guess=0.3 /\n", "").replace("&transient", "&transient t_end=0.1")
     assert "is not the cycle of a deck" in run_deck(BALL, "--orbit", "first", "--output", "other", expect=2).stderr
     assert "with &periodic" in run_deck(plain, "--orbit", "first", expect=2).stderr
+
+
+def test_errors_of_steps(run_deck, arm_poles):
+    """With check_error the told errors of multipliers include those of the steps: true ones against the oracle."""
+    period = 2 * math.pi / 40
+    transient = f"&transient method='rk4' step={period / 1000!r} check_error=.true. /\n"
+    run = run_deck(ARM + f"&periodic period={period!r} multipliers=2 /\n" + transient)
+    true = np.abs(multipliers(run)[:, None] - np.exp(arm_poles * period)).min(axis=1)
+    told = np.loadtxt(run.folder / "floquet.txt", ndmin=2)[:, 4]
+    assert np.all(true > 1e-6)  # the steps' error is what is seen
+    assert np.all(true < told)
+    assert np.all(told < 100 * true)
+    assert run.figures["periodic"]["steps"] == 2000
+
+
+def test_accuracy(run_deck):
+    """With accuracy alone biela chooses method and steps of the turns, too."""
+    run = run_deck(ROTOR.replace("method='rk4' step=1e-3 output_step=1e-2", "accuracy=1e-5"))
+    periodic = run.figures["periodic"]
+    assert periodic["error"] < 1e-5
+    assert abs(multipliers(run)[0] - math.exp(-0.05 * periodic["period"] / 0.0125)) < 1e-5
+    exact = run_deck(ROTOR, "--output", "exact").figures["periodic"]["period"]
+    assert abs(periodic["period"] - exact) < 1e-5 * exact
+

@@ -31,6 +31,8 @@ module cycle_search
     real(wp) :: residual = huge(1.0_wp)              !! largest change of an unknown in that turn, of its scale [-]
     logical :: found = .false.
     integer :: turns = 0                             !! all turns so far
+    integer :: steps = 0                             !! of a turn
+    real(wp) :: start_error = -1.0_wp                !! change of the start by twice the steps, of the scales; < 0: not known [-]
     integer :: turns_to_cycle = 0                    !! of them for the cycle
     integer :: most_turns = 300
     real(wp) :: tolerance = 1.0e-9_wp                !! largest change of a cycle [-]
@@ -39,14 +41,15 @@ module cycle_search
     logical :: lost_first = .false.                  !! the first turn did not come to its end
     type(direction_space) :: space                   !! of the multipliers
     type(ritz_pairs) :: pairs
-    real(wp), allocatable :: error(:)                !! (pairs) of the multipliers [-]
+    real(wp), allocatable :: error(:)                !! (pairs) of the multipliers; of steps, too, where they have been halved [-]
     integer :: wanted = 0                            !! pairs that were asked for, and found
     integer :: time = 0                              !! the pair that belongs to time, where the period is an unknown
     logical :: grazes = .false.                      !! events change on both sides of the cycle
-    type(event_list) :: others                       !! events of a turn that had others than the cycle
+    integer :: changed = 0                           !! an element whose events were others in a turn than in the one before
   contains
     procedure :: begin
     procedure :: find_cycle
+    procedure :: halve_steps
     procedure :: find_multipliers
   end type cycle_state
 
@@ -70,7 +73,7 @@ contains
     real(wp), intent(in) :: period                   !! [s]
     type(turn_result), intent(out) :: turn
     integer, intent(in), optional :: held(:)         !! (elements that switch) states whose rows hold at the start
-    if (self%turns > 0) turn%steps = list%items(1)%steps
+    turn%steps = self%steps
     if (list%played == list%count) then
       if (present(held)) then
         call self%map%march(x, period, self%turns == 0, held, turn, self%signal)
@@ -83,6 +86,7 @@ contains
     list%played = list%played + 1
     turn = list%items(list%played)
     self%turns = self%turns + 1
+    self%steps = turn%steps
     call self%line%tell('turn '//to_text(self%turns)// &
                         either(' (multipliers)', ': repeats to '//es_text(self%residual, 1), self%found)//'   ')
   end subroutine make_turn
@@ -127,6 +131,7 @@ contains
           call make_turn(self, list, plain_start(self, self%turn), self%period, next)
           if (self%signal > 0) return
           if (next%lost) exit
+          ok = same_events(self%turn%events, next%events, self%changed)
           self%turn = next
         end do
         target = huge(1.0_wp)
@@ -163,6 +168,24 @@ contains
     self%period = best_period
     self%turns_to_cycle = self%turns
   end subroutine find_cycle
+
+  !> The same cycle with twice the steps, which tells the error of the first one.
+  subroutine halve_steps(self, list)
+    class(cycle_state), intent(inout) :: self
+    type(turn_list), intent(inout) :: list
+    type(turn_result) :: coarse
+    coarse = self%turn
+    self%steps = 2*self%steps
+    self%residual = huge(1.0_wp)
+    self%found = .false.
+    call make_turn(self, list, coarse%start, self%period, self%turn)
+    if (self%signal > 0 .or. self%turn%lost) return
+    self%start_error = maxval(abs(self%map%change(self%turn)))
+    call self%find_cycle(list)
+    associate (moved => abs(self%map%scaled(self%turn%start) - self%map%scaled(coarse%start)))
+      self%start_error = max(self%start_error, maxval(moved))
+    end associate
+  end subroutine halve_steps
 
   !> Whether a space of other states leads to the goal in fewer turns than a new one, which takes as many and one.
   pure logical function worth_keeping(directions, fall, goal) result(yes)
@@ -222,7 +245,7 @@ contains
     real(wp), dimension(size(asked), 2) :: from, to  ! [-]
     real(wp) :: sign_of                              ! [-]
     logical :: good(2)
-    integer :: k
+    integer :: k, changed
     good = .false.
     do k = 1, 2
       sign_of = 3 - 2*k
@@ -231,8 +254,7 @@ contains
                      self%turn%states)
       if (self%signal > 0) return
       good(k) = .not. side(k)%lost
-      if (good(k)) good(k) = same_events(self%turn%events, side(k)%events)
-      if (.not. good(k)) self%others = side(k)%events
+      if (good(k)) good(k) = same_events(self%turn%events, side(k)%events, changed)
       from(:, k) = sign_of*(self%map%scaled(side(k)%start) - self%map%scaled(self%turn%start))/difference
       to(:, k) = sign_of*(self%map%scaled(side(k)%end) - self%map%scaled(self%turn%end))/difference
     end do
@@ -242,7 +264,8 @@ contains
       v = (from(:, 1) + from(:, 2))/2
       w = (to(:, 1) + to(:, 2))/2
     else
-      self%grazes = self%grazes .or. .not. any(good)
+      if (.not. any(good) .and. self%found) self%grazes = .true.
+      if (self%grazes) self%changed = changed
       k = merge(1, 2, good(1) .or. .not. good(2))
       v = from(:, k)
       w = to(:, k)
@@ -250,22 +273,34 @@ contains
   end subroutine one_quotient
 
   !> Whether two turns have the same events, element by element.
-  pure logical function same_events(a, b) result(yes)
+  logical function same_events(a, b, changed) result(yes)
     type(event_list), intent(in) :: a, b
-    integer :: k, e
-    yes = a%count == b%count
-    if (.not. yes .or. a%count == 0) return
-    associate (x => a%items(1:a%count), y => b%items(1:b%count))
-      do k = 1, a%count
-        e = x(k)%element
-        if (any(x(:k - 1)%element == e)) cycle
-        yes = count(x%element == e) == count(y%element == e)
-        if (yes) yes = all(pack(x%from, x%element == e) == pack(y%from, y%element == e)) .and. &
-                       all(pack(x%to, x%element == e) == pack(y%to, y%element == e))
-        if (.not. yes) return
-      end do
-    end associate
+    integer, intent(inout) :: changed                !! an element whose events differ, else as it was
+    integer, allocatable :: elements(:)
+    integer :: k
+    yes = .true.
+    elements = [integer ::]
+    if (a%count > 0) elements = a%items(1:a%count)%element
+    if (b%count > 0) elements = [elements, b%items(1:b%count)%element]
+    do k = 1, size(elements)
+      associate (x => states_of(a, elements(k)), y => states_of(b, elements(k)))
+        yes = size(x) == size(y)
+        if (yes) yes = all(x == y)
+      end associate
+      if (yes) cycle
+      changed = elements(k)
+      return
+    end do
   end function same_events
+
+  !> The states to which the events of one element led.
+  pure function states_of(list, element) result(states)
+    type(event_list), intent(in) :: list
+    integer, intent(in) :: element
+    integer, allocatable :: states(:)
+    states = [integer ::]
+    if (list%count > 0) states = pack(list%items(1:list%count)%to, list%items(1:list%count)%element == element)
+  end function states_of
 
   !> Arnoldi's method about the cycle, until the wanted multipliers are known to their goal or nothing is left to find.
   subroutine find_multipliers(self, list, number)
@@ -275,7 +310,11 @@ contains
     real(wp), parameter :: goal = 1.0e-7_wp          ! what the space leaves of them [-]
     real(wp), parameter :: negligible = 10.0_wp      ! a direction with so little in it is rounding, of that of quotients [-]
     real(wp) :: v(size(self%map%compared)), asked(size(v)), w(size(v)), second, seconds   ! [-]
+    complex(wp), allocatable :: before(:)            ! multipliers of half the steps [-]
     integer :: k
+    if (number == 0) return
+    before = [complex(wp) ::]
+    if (self%start_error >= 0.0_wp) before = self%pairs%value
     seconds = 0.0_wp
     call first_direction(self, asked)
     call self%space%clear(size(v))
@@ -299,6 +338,9 @@ contains
     associate (p => self%pairs)
       self%wanted = min(self%wanted, count(abs(p%value) > 100*self%map%noise/difference))
       self%error = [(p%condition(k)*(p%residual(k) + seconds**2 + self%map%noise/difference), k=1, self%wanted)]
+      do k = 1, merge(self%wanted, 0, size(before) > 0)
+        self%error(k) = max(self%error(k), minval(abs(before - p%value(k))))
+      end do
       if (self%free_period .and. self%wanted > 0) then
         asked = self%map%scaled(self%turn%slope)
         self%time = maxloc([(abs(dot_product(p%vector(:, k), cmplx(asked, 0.0_wp, wp))), k=1, self%wanted)], 1)

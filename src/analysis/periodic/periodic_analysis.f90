@@ -23,6 +23,7 @@ contains
     type(summary_record), intent(inout) :: text
     type(failure), intent(inout) :: fail
     type(cycle_state) :: cycle
+    real(wp) :: now, before                   ! largest error, of this and of the last number of steps [-]
     if (run%restart) then
       call run%turns%exchange(run%saved)
       if (run%saved%damaged) call fail%raise(status_bad_input, 'the checkpoint in "'//run%folder// &
@@ -41,9 +42,18 @@ contains
       if (len(run%orbit) > 0) call read_orbit(run, run%orbit, cycle%period, fail)
       if (fail%happened()) return
       cycle%x = run%y
+      cycle%error = [real(wp) ::]
       call cycle%begin(run%turns)
       if (cycle%signal == 0 .and. .not. cycle%lost_first) call cycle%find_cycle(run%turns)
-      if (cycle%found .and. p%multipliers > 0) call cycle%find_multipliers(run%turns, p%multipliers)
+      if (cycle%found) call cycle%find_multipliers(run%turns, p%multipliers)
+      now = huge(1.0_wp)
+      do while (cycle%found .and. (accuracy > 0.0_wp .or. run%d%transient%check_error))
+        call cycle%halve_steps(run%turns)
+        if (cycle%found) call cycle%find_multipliers(run%turns, p%multipliers)
+        before = now
+        now = maxval([cycle%start_error, cycle%error])
+        if (now < accuracy .or. now > 0.5_wp*before .or. .not. accuracy > 0.0_wp) exit   ! what does not fall is rounding
+      end do
     end associate
     call cycle%line%finish()
     if (cycle%signal > 0) then

@@ -7,6 +7,7 @@ module periodic_words
   use scene_model, only: scene
   use scene_run, only: run_state, no_output
   use summary_text, only: summary_record
+  use switching, only: element_name
   use text, only: either, quoted, short_text, to_text
   use text_file, only: result_file
   implicit none (type, external)
@@ -49,10 +50,11 @@ contains
     associate (s => run%sys%m%s, i => cycle%map%compared(k))
       r = cycle%map%change(cycle%turn)*cycle%map%scale
       words = '; a motion that never repeats has statistics, by a long transient'
+      if (cycle%changed > 0) words = '; events of "'//element_name(run%sys%m, cycle%changed)//'" change from turn to turn'//words
       if (i > s%nq) return
       b = count(s%qo < i)
       if (i - s%qo(b) <= 3) words = ': it is '//short_text(r(k), 3)//either(' rad', ' m', i - s%qo(b) == 3)// &
-        ' farther on after a period; moves_on='//quoted(trim(s%bodies(b)%name))//' if it may be'
+        ' farther on after a period; moves_on='//quoted(trim(s%bodies(b)%name))//' if it may be'//words
     end associate
   end function drift
 
@@ -81,6 +83,8 @@ contains
     call text%line('  period {period 9} s, repeats to {residual 1} after {turns_to_cycle #} turns of {steps #} steps; all '// &
       'turns: {turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, &
       cycle%turns_to_cycle, cycle%turn%steps, cycle%turns, cycle%turn%end(2*run%sys%m%s%nq + run%sys%m%s%nz + run%sys%m%s%nzd + 1)])
+    if (cycle%start_error >= 0.0_wp) call text%line('  error of the start: {error 1} of the ranges, by half the steps', &
+                                                    [cycle%start_error])
     if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, text)
     call text%open('multipliers', '[')
     n = 0
@@ -109,8 +113,8 @@ contains
       if (near > 10*max(cycle%error(cycle%time), so_near)) call text%warn('the multiplier that belongs to time differs from 1 '// &
         'by '//short_text(near, 1)//': finer steps would tell the others better')
     end if
-    if (cycle%grazes) call text%warn('events change on both sides of the cycle, as where a stop is just touched: it has no '// &
-                                     'multipliers, and those told mean little')
+    if (cycle%grazes) call text%warn('events of "'//element_name(run%sys%m, cycle%changed)//'" change on both sides of the '// &
+                                     'cycle, as where a stop is just touched: it has no multipliers, and those told mean little')
     mu = 0.0_wp
     near = so_near
     what = 'any disturbance'

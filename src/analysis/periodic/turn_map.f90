@@ -11,6 +11,7 @@ module turn_map
   use posix, only: caught_signal
   use scene_run, only: run_state
   use step_control, only: error_norm
+  use step_monitor, only: method_number
   use step_counts, only: actual_step, step_count
   use time_stepper, only: stepper, paused, reached
   use turn_log, only: turn_result
@@ -18,6 +19,7 @@ module turn_map
   private
 
   real(wp), parameter :: whole_turn = 2*pi           ! [rad]
+  real(wp), parameter :: bins = 8.0_wp               ! of lengths of steps in a power of two [-]
 
   !> The map.
   type, public :: period_map
@@ -48,6 +50,7 @@ contains
     run%sys%options%stage = stage_transient
     allocate (self%system, source=run%sys)
     self%r = run%d%transient
+    call choose_steps(self%r, run%stable_steps)
     self%noise = merge(1.0e-12_wp, 1.0e-10_wp, self%r%method /= 'radau')
     associate (s => self%system%m%s)
       self%system%has_manifold = s%rows > 0
@@ -67,6 +70,19 @@ contains
     end associate
   end subroutine begin
 
+  !> Method and steps of the first turn, where the deck asks for an accuracy: those of a first pass (theory.md, section 12).
+  subroutine choose_steps(r, stable_steps)
+    type(transient_record), intent(inout) :: r
+    real(wp), intent(in) :: stable_steps(:)          !! of explicit methods [s]
+    integer :: k
+    if (.not. r%accuracy > 0.0_wp) return
+    if (r%free_method) r%method = merge('radau ', 'dopri5', any(stable_steps < huge(1.0_wp)))
+    r%tolerance = r%accuracy/10
+    k = method_number(r%method)
+    r%adaptive = r%method /= 'rk4'
+    if (k > 0 .and. .not. r%adaptive) r%step = min(r%output_step, stable_steps(k))
+  end subroutine choose_steps
+
   !> A turn. The first one, where the deck gives a tolerance, takes its steps by that and says how many equal ones are as fine.
   subroutine march(self, x, period, first, held, turn, signal)
     class(period_map), intent(in) :: self
@@ -80,7 +96,7 @@ contains
     class(stepper), allocatable :: method
     type(transient_record) :: r
     real(wp), dimension(size(x)) :: y, low, high     ! [m, rad], [m/s, rad/s], [J]
-    real(wp), allocatable :: lengths(:)              ! of the steps of a first turn by tolerance [s]
+    real(wp) :: passed(0:240)                        ! of the period, by the length of steps [-]
     real(wp) :: before                               ! [s]
     integer :: outcome, portion
     logical :: ok
@@ -104,7 +120,7 @@ contains
     if (r%adaptive) portion = 1
     low = y
     high = y
-    lengths = [real(wp) ::]
+    passed = 0.0_wp
     signal = 0
     outcome = paused
     do while (ok .and. outcome == paused)
@@ -112,7 +128,7 @@ contains
       call method%advance(system, 0.0_wp, period, portion, y, outcome)
       low = min(low, method%y)
       high = max(high, method%y)
-      if (r%adaptive .and. method%t > before) lengths = [lengths, method%t - before]
+      if (r%adaptive .and. method%t > before) call note_step(passed, (method%t - before)/period)
       signal = caught_signal()
       if (signal > 0) return
     end do
@@ -127,7 +143,7 @@ contains
     end associate
     turn%range = [real(wp) ::]
     if (first) turn%range = high - low
-    if (r%adaptive) turn%steps = ceiling(period/quantile(lengths, 0.1_wp))
+    if (r%adaptive) turn%steps = as_fine(passed)
   end subroutine march
 
   !> Puts a start onto the joints, and onto the rows that hold in given states: what is at rest at the start of a cycle is so beside
@@ -162,16 +178,24 @@ contains
     system%ev%switches%state = states
   end subroutine put
 
-  !> The value below which a part of the values lies.
-  pure real(wp) function quantile(x, part) result(value)
-    real(wp), intent(in) :: x(:)                     !! [s]
-    real(wp), intent(in) :: part                     !! [-]
+  !> Notes the time that a step takes among steps of its length, in eighths of a power of two of the period.
+  pure subroutine note_step(passed, h)
+    real(wp), intent(inout) :: passed(0:)            !! of the period [-]
+    real(wp), intent(in) :: h                        !! of the period [-]
+    associate (k => min(ubound(passed, 1), max(0, floor(-bins*log(h)/log(2.0_wp)))))
+      passed(k) = passed(k) + h
+    end associate
+  end subroutine note_step
+
+  !> So many equal steps are as fine as those that pass the first tenth of the time, the shortest first.
+  pure integer function as_fine(passed) result(steps)
+    real(wp), intent(in) :: passed(0:)               !! of the period [-]
     integer :: k
-    value = minval(x)
-    do k = 2, ceiling(part*size(x))
-      value = minval(x, x > value)
+    do k = ubound(passed, 1), 1, -1
+      if (sum(passed(k:)) > 0.1_wp*sum(passed)) exit
     end do
-  end function quantile
+    steps = ceiling(2.0_wp**((k + 1)/bins))
+  end function as_fine
 
   !> Scales of the unknowns: the range of the largest in the group of each, at least a thousandth of the largest group of its kind;
   !> where nothing of that kind moves, a thousandth of the scene's size. Angles have at most a radian.
