@@ -54,8 +54,7 @@ contains
                      [real(wp) :: s%permanent_rows, report%rank])
       call text%line('  degrees of freedom: {degrees_of_freedom #}', [real(wp) :: report%freedoms])
       if (report%rank < s%permanent_rows) call text%line('  redundant constraints: {redundant_constraints #} at the start, '// &
-        'among'// &
-        undetermined(m, report, size(report%dependent)), [real(wp) :: s%permanent_rows - report%rank])
+        'among'//undetermined(m, report, size(report%dependent)), [real(wp) :: s%permanent_rows - report%rank])
     end associate
     call frame_notes(m, text)
     call text%warn(model_warnings(d, m, report))

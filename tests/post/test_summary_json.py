@@ -18,7 +18,7 @@ from conftest import ROOT
 
 NUMBER = re.compile(r"(?<![\w.+-])[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\w]|\.\d)")
 DECKS = ("four_bar", "modal_four_bar", "frequency_response_cantilever", "quick_return", "slider_crank_joint_both")
-DECKS += ("slider_crank_elastic", "end_stop", "controlled_arm")
+DECKS += ("slider_crank_elastic", "end_stop", "controlled_arm", "crank_at_speed")
 PENDULUM = """&scene title='a "quoted" title, Größe' gravity=0.0,-9.81 /
 &body name='a' kind='rigid' mass=1.0 inertia=0.1 com=0.5,0.0 angle=0.3 /
 &joint name='pin' type='revolute' body_a='a' /

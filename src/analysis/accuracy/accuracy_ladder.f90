@@ -5,6 +5,7 @@ module accuracy_ladder
   use kinds, only: wp, ip
   use archive, only: value_archive
   use deck_records, only: deck, transient_record
+  use error_check, only: tighter
   use step_counts, only: actual_step
   use summary_text, only: summary_record
   use text, only: either, es_text, to_text
@@ -16,7 +17,6 @@ module accuracy_ladder
   integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
 
   real(wp), parameter :: most_slow = 3.0_wp    !! comparisons in a row whose difference is not halved: it does not converge [-]
-  real(wp), parameter :: finer = 0.1_wp        !! tolerance of a pass, of that of the one before [-]
   real(wp), parameter :: coarsest = 1.0e-2_wp, least = 1.0e-13_wp   !! tolerances [-]
   real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5 with its projection [-]
 
@@ -142,8 +142,8 @@ contains
     character(*), intent(in) :: choice
     real(wp) :: setting                       ! [-] or [s]
     setting = self%accuracy
-    if (method == 'dopri5') setting = finer*setting
-    setting = told(max(min(setting, coarsest), least/finer))
+    if (method == 'dopri5') setting = tighter*setting
+    setting = told(max(min(setting, coarsest), least/tighter))
     if (has_fixed_steps(method)) setting = self%first_step
     self%choice = choice
     call add(self, pass_record(method=method, setting=setting))
@@ -170,7 +170,7 @@ contains
       r%max_step = 0.0_wp
       if (pass%method /= 'dopri5' .or. self%count == 1) return
       associate (before => self%passes(self%count - 1))
-        if (before%method == 'dopri5') r%max_step = finer**0.2_wp*before%mean_step
+        if (before%method == 'dopri5') r%max_step = tighter**0.2_wp*before%mean_step
       end associate
     end associate
   end subroutine set
@@ -225,7 +225,7 @@ contains
     class(pass_ladder), intent(inout) :: self
     type(pass_record), intent(in) :: pass
     real(wp) :: setting                       ! [-] or [s]
-    setting = told(finer*pass%setting)
+    setting = told(tighter*pass%setting)
     if (has_fixed_steps(pass%method)) then
       setting = actual_step(self%asked%output_step, pass%setting)/2
     else if (pass%setting < 2*least) then

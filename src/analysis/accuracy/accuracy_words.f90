@@ -3,7 +3,7 @@
 module accuracy_words
   use kinds, only: wp
   use accuracy_ladder, only: setting_words
-  use balance_words, only: balance_lines, closing_lines
+  use balance_words, only: balance_lines, closing_lines, distrusted
   use column_ranges, only: column_range
   use energy_balance, only: balance_watch
   use error_check, only: error_watch
@@ -17,7 +17,6 @@ module accuracy_words
   private
   public :: accuracy_lines, asked_errors, column_lines
 
-  real(wp), parameter :: noticed = 1.0e-2_wp           !! error of a column, of its range [-]
   real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
   real(wp), parameter :: least_range = 1.0e-3_wp       !! that counts, of the largest one of its kind [-]
   real(wp), parameter, public :: least_part = 0.25_wp  !! of an error that is left to steps beside that of the model [-]
@@ -84,19 +83,17 @@ contains
       if (c%stored) return
       call text%line('  energy residual of the second run: largest {second_energy_residual 3} J', [c%balance%largest_residual])
       doubt = doubts(march%balance, c)
-      if (len(doubt) > 0) call text%warn(doubt)
+      call text%warn(doubt)
       if (size(e) == 0) return
       x = 0*e
       where (range > 0.0_wp) x = e/range
       k = maxloc(x, 1)
       call text%line('  accuracy: '//either('unknown, columns may err by more than was estimated; the worst one: ', &
-        'the worst column, ', len(doubt) > 0)//'{worst_column='//trim(columns(k)%label())//'}'//either(', ', ', errs by an '// &
-        'estimated ', &
-        len(doubt) > 0)//'{worst_error_of_range 1} of its range', x(k:k))
-      if (x(k) > noticed) call text%warn(to_text(count(x > noticed))//' of '//to_text(size(x))//' columns err by more than '// &
-        short_text(noticed, 1)//' of their range, the worst, '//trim(columns(k)%label())//', by an '// &
-        'estimated '//short_text(x(k), 1)// &
-        '; use a smaller step or tolerance')
+        'the worst column, ', len(doubt) > 0)//'{worst_column='//trim(columns(k)%label())//'}'//either(', ', &
+        ', errs by an estimated ', len(doubt) > 0)//'{worst_error_of_range 1} of its range', x(k:k))
+      if (x(k) > distrusted) call text%warn(to_text(count(x > distrusted))//' of '//to_text(size(x))//' columns err by more '// &
+        'than '//short_text(distrusted, 1)//' of their range, the worst, '//trim(columns(k)%label())//', by an estimated '// &
+        short_text(x(k), 1)//'; use a smaller step or tolerance')
     end associate
   end subroutine error_lines
 

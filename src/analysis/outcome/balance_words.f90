@@ -10,7 +10,7 @@ module balance_words
   private
   public :: balance_lines, closing_lines
 
-  real(wp), parameter :: distrusted = 1.0e-2_wp        !! residual, of the energy that moved [-]
+  real(wp), parameter, public :: distrusted = 1.0e-2_wp   !! residual, of the energy that moved; error of a column, of its range [-]
   real(wp), parameter :: unresolved = 0.1_wp           !! the same, of what the deformation of a body exchanged [-]
 
 contains

@@ -19,7 +19,7 @@ module error_check
   implicit none (type, external)
   private
 
-  real(wp), parameter :: tighter = 0.1_wp     !! tolerance of the second run, of the first one's [-]
+  real(wp), parameter, public :: tighter = 0.1_wp   !! tolerance of the second run, or pass, of the first one's [-]
   real(wp), parameter :: controlled = 4.0_wp/3.0_wp  !! error over difference: errors fall to a tenth or a fifth with it [-]
 
   !> The second run and what it has shown.
