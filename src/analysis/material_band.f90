@@ -57,7 +57,7 @@ contains
     integer, intent(in) :: b, k                   !! indices of body and material
     associate (body => run%d%bodies(b))
       feels = run%d%materials(k)%band(2) > 0.0_wp .and. body%kind /= 'rigid' .and. body%flexible .and. body%viscoelastic
-      if (feels) feels = any(body%element_material == k)
+      if (feels) feels = any(body%element_material == k) .or. any(run%sys%m%s%bodies(b)%segments%material == k)   ! of layers
     end associate
   end function feels
 

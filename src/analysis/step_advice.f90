@@ -154,6 +154,7 @@ contains
     words = ''
     if (cause%body == 0) return
     words = 'fewer elements, modes=, axial=.false. or flexible=.false.'
+    if (size(m%s%bodies(cause%body)%dof, 1) > 3) words = 'fewer elements, modes= or flexible=.false.'    ! cores need axial motion
     if (cause%rayleigh) words = 'less Rayleigh damping'
     if (cause%segment > 0) words = 'viscoelastic=.false., slower terms'
     words = words//' on body "'//trim(m%s%bodies(cause%body)%name)//'", or radau'

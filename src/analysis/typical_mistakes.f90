@@ -55,10 +55,14 @@ contains
     type(deck), intent(in) :: d
     logical :: flexes(size(d%materials))
     real(wp) :: speed
-    integer :: k
+    integer :: k, e
     flexes = .false.
     do k = 1, size(d%bodies)
-      if (d%bodies(k)%kind /= 'rigid' .and. d%bodies(k)%flexible) flexes(d%bodies(k)%element_material) = .true.
+      if (d%bodies(k)%kind == 'rigid' .or. .not. d%bodies(k)%flexible) cycle
+      flexes(d%bodies(k)%element_material) = .true.
+      do e = 1, d%bodies(k)%elements
+        flexes(d%sections(d%bodies(k)%element_section(e))%layers) = .true.
+      end do
     end do
     do k = 1, size(d%materials)
       speed = sqrt(d%materials(k)%young/d%materials(k)%density)

@@ -5,9 +5,10 @@ module mode_file
   use kinds, only: wp, pi
   use mode_list, only: mode_set, undamped_mode
   use evaluation_results, only: evaluation
+  use layer_shares, only: share_names, shares
   use mechanism, only: mechanism_model
   use sensor, only: vector_to_global
-  use text, only: joined
+  use text, only: either, joined
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -39,9 +40,13 @@ contains
     call file%line('# poles real + i imag, one of each conjugate pair; damping_ratio -real/|pole|, loss_factor twice that')
     call file%line('# shapes: displacements in global axes, the largest one (angles times the scene''s size) is 1')
     call file%line('# positions: '//positions())
-    call file%line('# columns: '//figures//' '//shape_names())
+    if (size(share_names(m)) > 0) call file%line('# layers: share of a viscoelastic layer in what all bodies store and lose by '// &
+                                                 'their deformation, with the moduli at the pole')
+    call file%line('# columns: '//figures//' '//shape_names()//either(' ', '', size(share_names(m)) > 0)// &
+                   joined(share_names(m), ' '))
     do k = 1, modes%count
-      call file%row([real(k, wp), mode_figures(modes, k), transfer(displacements(modes%x(:, k)), [0.0_wp])])
+      call file%row([real(k, wp), mode_figures(modes, k), transfer(displacements(modes%x(:, k)), [0.0_wp]), &
+                     shares(m, q, modes%x(:, k), modes%lambda(k))])
     end do
     call file%close()
     failed = file%failed

@@ -199,3 +199,36 @@ def test_all_methods_agree_and_energies_balance(run_deck):
                 assert np.abs(columns[name][column] - fine).max() <= allowed * np.ptp(fine), (name, column)
     assert np.ptp(columns["fine"]["edge.g1"]) > 1e-6
     assert np.ptp(columns["fine"]["tape.tau"]) > 1.0
+
+
+ARM = (
+    STEEL + f"&material name='tape' density=1000.0 shear_modulus=4e5 poisson=0.49 {GHM} /\n"
+    "&material name='pad' density=1200.0 young=1e9 ghm_alpha=4.0 ghm_zeta=1.2 ghm_omega=9000.0 /\n"
+    "&section name='s' layers='steel','tape','steel','pad' thickness=2e-3,0.25e-3,0.5e-3,1e-3 width=0.02 cores=2 /\n"
+    "&joint name='wall' type='weld' body_a='b' node_a=1 /\n"
+)
+CLAMPED = "&body name='b' kind='beam' length=0.25 elements=8 section='s' reference='clamped' slip_held=1 {} /\n"
+
+
+def test_a_few_modes_keep_the_damping_of_a_core(poles):
+    """The shapes K^-1 K_r phi beside the modes; the modes alone err in damping by 15, 56 and 43 %."""
+    exact, found = poles(ARM + CLAMPED.format(""), 3), poles(ARM + CLAMPED.format("modes=3"), 3)
+    np.testing.assert_allclose(found.real, exact.real, rtol=1e-3)
+    np.testing.assert_allclose(found.imag, exact.imag, rtol=2e-5)
+
+
+def test_shares_of_layers_are_those_of_the_pole(run_deck):
+    """x* (s^2 M + K(s)) x = 0 at a pole: the loss factor of K(s) is that of -s^2, and the sum of the layers' parts."""
+    table = read(run_deck(ARM + CLAMPED.format("") + "&modal modes=3 /\n").folder, "modes")
+    damped = np.asarray(table["kind"]) == 1
+    s = (np.asarray(table["real"]) + 1j * np.asarray(table["imag"]))[damped]
+    pad = 1 + 4.0 * (s**2 + 21600.0 * s) / (s**2 + 21600.0 * s + 9000.0**2)
+    total, loss = 0.0, []
+    for layer, modulus in ((2, ratio(s)), (4, pad)):
+        energy = np.asarray(table[f"b.layer{layer}.energy"])[damped]
+        loss.append(energy * modulus.imag / modulus.real)
+        total = total + loss[-1]
+    np.testing.assert_allclose(total, (-(s**2)).imag / (-(s**2)).real, rtol=1e-9)
+    for layer, part in zip((2, 4), loss):
+        np.testing.assert_allclose(np.asarray(table[f"b.layer{layer}.loss"])[damped], part / total, rtol=1e-9)
+    assert np.all(np.min(loss, axis=0) / total > 1e-3)

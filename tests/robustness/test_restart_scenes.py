@@ -260,3 +260,25 @@ def test_checkpoints_at_corners_saturations_samples_and_a_stop(method, biela, tm
     limited = rows[:, names.index("c.limited[-]")]
     assert limited[38] == 0.0
     assert limited[44] == 1.0
+
+
+@pytest.mark.parametrize(
+    "method",
+    ["'rk4' step=2e-6", "'dopri5' tolerance=1e-5", "'radau' tolerance=1e-6", "'generalized_alpha' step=2e-5"],
+)
+def test_layers_that_slip(method, biela, tmp_path):
+    """An arm with a damped cover over a part of it, in nodal coordinates with stiffening."""
+    deck = f"""&material name='steel' density=7850.0 young=2.1e11 /
+&material name='tape' density=1000.0 shear_modulus=4e5 ghm_alpha=1.5 ghm_zeta=1.0 ghm_omega=1500 prony_alpha=0.5 prony_tau=2e-3 /
+&section name='bare' layers='steel' thickness=5e-3 width=0.025 /
+&section name='clad' layers='steel','tape','steel' thickness=5e-3,0.3e-3,1.5e-3 width=0.025 /
+&body name='arm' kind='beam' length=0.4 elements=3 element_section='bare','clad','bare' reference='clamped' stiffening=.true. /
+&joint name='pin' type='revolute' body_a='arm' node_a=1 /
+&history name='turn' kind='ramp' start_value=0.0 end_value=0.5 start=0.0 finish=0.02 /
+&drive name='motor' type='rotation' body_a='arm' history='turn' /
+&sensor name='edge' quantity='slip' body='arm' node=2 /
+&sensor name='tape' quantity='layer' body='arm' element=2 layer=2 /
+&sensor name='arm' quantity='energy' body='arm' /
+&transient t_end=4e-3 method={method} output_step=2e-5 checkpoint_interval=3.3e-4 /
+"""
+    whole_after_cuts(Runner(biela, tmp_path, deck), (0.45, 0.8))

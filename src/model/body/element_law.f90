@@ -9,8 +9,8 @@ module element_law
   use marker, only: turn
   implicit none (type, external)
   private
-  public :: add_geometric, axial_force, damping_of, forces_of, inertia_of, part_rows, parts_of, row_damping, row_materials, &
-    rows_of, segment_of, stiffness_part, strain_products
+  public :: add_geometric, axial_force, damping_of, forces_of, inertia_of, part_rows, parts_of, row_damping, row_energies, &
+    row_layers, row_materials, rows_of, segment_of, stiffness_part, strain_products
 
   !> Inertia of an element, body axes, with room for as many coordinates as any element of the body has.
   type, public :: element_inertia
@@ -233,15 +233,18 @@ contains
     real(wp), intent(in) :: a(:)              !! coordinates, body axes [m, rad]
     real(wp), intent(in), optional :: now(:)  !! [m, rad]
     real(wp), allocatable :: d(:)             !! [m, rad]
+    real(wp) :: ends(3)                       ! (e, phi1, phi2) [m, rad]
     if (b%stiffening .and. present(now)) then
-      d = matmul(present_deformation_matrix(b%elements(e), now(:6)), a(:6))
+      ends = matmul(present_deformation_matrix(b%elements(e), now(:6)), a(:6))
     else
-      d = matmul(deformation_matrix(b%elements(e)), a(:6))
+      ends = matmul(deformation_matrix(b%elements(e)), a(:6))
     end if
     if (allocated(b%layers)) then
       associate (kind => b%layers%kinds(b%layers%kind(e)))
-        d = matmul(kind%rows, [d, a(7:kind%coordinates)])
+        d = matmul(kind%rows, [ends, a(7:kind%coordinates)])
       end associate
+    else
+      d = ends
     end if
   end function rows_of
 
@@ -272,6 +275,31 @@ contains
       material = [segment, segment, segment]
     end if
   end function row_materials
+
+  !> The layer of each row; without layers 0.
+  pure function row_layers(b, e) result(layer)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                  !! element
+    integer, allocatable :: layer(:)
+    if (allocated(b%layers)) then
+      layer = b%layers%kinds(b%layers%kind(e))%layer
+    else
+      layer = [0, 0, 0]
+    end if
+  end function row_layers
+
+  !> Twice the energy of each row at E_R; without layers a product of a row with all.
+  pure function row_energies(b, e, d) result(energy)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e                  !! element
+    real(wp), intent(in) :: d(:)              !! rows [m, rad]
+    real(wp), allocatable :: energy(:)        !! [J]
+    if (allocated(b%layers)) then
+      energy = b%layers%kinds(b%layers%kind(e))%stiffness*d**2
+    else
+      energy = d*matmul(deformation_law(b%elements(e)), d)
+    end if
+  end function row_energies
 
   !> Rayleigh stiffness coefficient of each row.
   pure function row_damping(b, e) result(ray_k)

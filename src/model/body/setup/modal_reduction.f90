@@ -16,17 +16,20 @@ module modal_reduction
 
 contains
 
-  !> Replaces the nodal coordinates of a body by its `modes` lowest modes and by static shapes.
+  !> Replaces the nodal coordinates of a body by its `modes` lowest modes and by static shapes: those asked for, and with cores
+  !> those of their materials' forces in the modes.
   subroutine reduce_to_modes(b, modes, shapes, loaded, bad)
     type(body_model), intent(inout) :: b                !! with nodal integrals and operators
     integer, intent(in) :: modes                        !! modes kept
     logical, intent(in) :: shapes                       !! whether static shapes are kept, too
     integer, intent(in) :: loaded(:)                    !! nodal coordinates on which forces and moments act
     logical, intent(out) :: bad                         !! the eigenvalue problem failed
-    real(wp), allocatable :: x(:, :), w(:)
+    real(wp), allocatable :: x(:, :), w(:), loads(:, :)
     call lowest_modes(b, modes, x, w, bad)
     if (bad) return
-    if (shapes) call add_static_shapes(b, static_loads(b, loaded), x, w, bad)
+    loads = layer_loads(b, x)
+    if (shapes) loads = reshape([static_loads(b, loaded), loads], [b%nf, size(loaded) + 4 + size(loads, 2)])
+    if (size(loads) > 0) call add_static_shapes(b, loads, x, w, bad)
     if (bad) return
     call project_integrals(b, x, w)
     call set_basis(b, with_zero_row(x), w, size(w) - modes)
@@ -50,7 +53,9 @@ contains
     modal%angle = modal%rotation
     modal%columns = size(b%segments)
     modal%top_frequency = sqrt(max(maxval(w), 0.0_wp))
-    do k = size(w), 2, -1             ! a straight body moves across its axis rather than along it
+    k = size(w)
+    if (size(b%dof, 1) > 3) k = k - static_shapes   ! those of cores are no vibrations
+    do k = k, 2, -1                   ! a straight body moves across its axis rather than along it
       if (norm2(psi(b%dof(2, :), k)) >= norm2(psi(b%dof(1, :), k))) exit
       if (any(abs(b%x(2, :) - b%x(2, 1)) > 1.0e-9_wp*b%length)) exit
     end do
@@ -75,6 +80,32 @@ contains
     f(:, j + 2) = b%shape%c0
     f(:, j + 3) = b%shape%i1f
   end function static_loads
+
+  !> Forces K_r x of each viscoelastic material r in each mode x, for bodies with cores. How much their layers slip depends on the
+  !> modulus, which higher modes in bending do not make up for: K^-1 K_r x is the first order of what a change of it does to a mode.
+  function layer_loads(b, x) result(f)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: x(:, :)                     !! (nf, modes) modes [m, rad, over kg^.5 m]
+    real(wp), allocatable :: f(:, :)                    !! (nf, modes times materials) [N, N m, over kg^.5 m]
+    integer :: k, j, i, r, number(maxval([0, b%segments%material]))
+    if (size(b%dof, 1) == 3 .or. size(b%segments) == 0) then
+      allocate (f(b%nf, 0))
+      return
+    end if
+    number = 0
+    do r = 1, size(b%segments)
+      if (number(b%segments(r)%material) == 0) number(b%segments(r)%material) = maxval(number) + 1
+    end do
+    allocate (f(b%nf, size(x, 2)*maxval(number)), source=0.0_wp)
+    do k = 1, size(b%op%entry)
+      associate (row => b%op%symmetric%row(b%op%entry(k)), col => b%op%symmetric%col(b%op%entry(k)))
+        i = size(x, 2)*(number(b%segments(b%op%segment(k))%material) - 1)
+        do j = 1, size(x, 2)
+          f(row, i + j) = f(row, i + j) + b%op%part(k)*x(col, j)
+        end do
+      end associate
+    end do
+  end function layer_loads
 
   !> Shape integrals, gyroscopic matrix, damping and material stiffnesses in the modal basis.
   subroutine project_integrals(b, x, w)
