@@ -1,8 +1,5 @@
 #!/usr/bin/env python3
 """Starts the program by whose name it is called: the other .py files here are links to this one."""
-
-from pathlib import Path
-
 from biela.programs import start
 
-start(Path(__file__))
+start(__file__)

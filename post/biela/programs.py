@@ -96,8 +96,9 @@ def program(work: str, failed: int = 2) -> Callable[[Callable], Program]:
     return made
 
 
-def start(script: Path) -> None:
+def start(called: str) -> None:
     """Run the program by whose name a script is called, with the project's own Python where there is one."""
+    script = Path(called)
     name, own = script.stem, script.resolve().parents[1] / ".venv"
     if name not in PROGRAMS:
         sys.exit(f"{name}: no program of this name; there are {', '.join(sorted(PROGRAMS))}")

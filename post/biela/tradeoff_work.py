@@ -16,6 +16,7 @@ import numpy as np
 from .command import call_solver, options_of
 from .deck import Deck, read
 from .histories import read_summary
+from .progress import Progress
 from .result_files import BielaError
 from .study_runs import StudyRuns
 from .sweep_study import Study, StudyOptions
@@ -332,14 +333,15 @@ def converged(found: Tradeoff, deck: Deck, folder: Path, seconds: float) -> tupl
     figures = run_into(folder, with_accuracy(deck, CERTAIN * found.options.tolerance, found.grid, seconds), found.options.biela)
     measured = against(folder, [name.lower() for name in found.options.sensor])
     estimates = {name.partition("[")[0]: error for name, error in figures["transient"].get("estimated_errors", {}).items()}
-    if not estimates or not figures["accuracy"].get("kept", False):
+    if not estimates:
         return measured, math.inf
     return measured, max((estimates[name] or 0.0) / scale for name, scale in zip(measured.columns, measured.scales))
 
 
 def set_truth(found: Tradeoff, deck: Deck, asked: set[str]) -> None:
     """Set the truth: the deck's own model by the solver's passes, or that on meshes refined until they agree."""
-    kept, seconds = found.folder / "truth", 0.4 * found.options.time
+    kept, seconds, progress = found.folder / "truth", 0.4 * found.options.time, Progress(found.options.shown)
+    progress.show("the truth: runs", 1, 0)
     found.measured, found.uncertainty = converged(found, deck, kept, seconds)
     found.truth = "the deck's model, passes of the solver"
     if found.options.truth == "deck":
@@ -348,6 +350,7 @@ def set_truth(found: Tradeoff, deck: Deck, asked: set[str]) -> None:
         before = None
         for doublings in range(MESHES + 1):
             folder = found.folder / f"truth_{doublings}"
+            progress.show(f"the truth, mesh x {2**doublings}: runs", doublings + 2, 0)
             measured, left = converged(found, refined(deck, doublings, asked), folder, seconds)
             off = max(measured.errors(before)[:-1]) if before else math.inf
             found.measured, found.uncertainty, before = measured, left + off / 15.0, folder
