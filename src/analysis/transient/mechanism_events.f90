@@ -36,7 +36,7 @@ module mechanism_events
     real(wp) :: shortest_limit = huge(1.0_wp) !! shortest of all steps that contacts allowed [s]
     real(wp), allocatable :: pressing(:)      !! (rows that switch) Painleve's ratio when it was last found [-]
     integer :: last_checked = 0               !! row whose ratio was found last
-    type(evaluation), allocatable, private :: nearby   !! a little later, for difference quotients
+    class(evaluation), allocatable, private :: nearby  !! a little later, for difference quotients
     real(wp) :: output_step = huge(1.0_wp)    !! between two rows of the history [s]
   contains
     procedure :: start_switching

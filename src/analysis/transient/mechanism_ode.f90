@@ -30,7 +30,7 @@ module mechanism_ode
 
   !> The system.
   type, extends(switching_mechanism), public :: mechanism_system
-    type(newton_matrix), allocatable :: t     !! implicit methods: the dynamic stiffness
+    class(newton_matrix), allocatable :: t    !! implicit methods: the dynamic stiffness
     type(complex_matrix), allocatable :: stages   !! methods of several stages: the same for a complex constant
     logical, private :: turning_lines = .false.   !! single-stage methods: rates are closed by the mass (theory.md, section 7)
     logical, allocatable, private :: bordered(:)   !! whether each element that switches has rows in the border of implicit steps
