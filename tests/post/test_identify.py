@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import biela as package
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from biela import fatigue, quantiles, study_runs, sweep_study
+from biela.sweep_picture import draw_identified
 from biela.sweep_scalars import Scalar
 from conftest import ROOT
 from scipy import stats
@@ -119,6 +122,14 @@ def test_a_response_differs_by_both_its_parts():
     scalar = Scalar("x", "misfit", "tip", "frequency_response", measured=(tuple(at), tuple(off.real), tuple(off.imag)))
     assert scalar.columns == {"tip.amplitude", "tip.phase"}
     assert scalar.of(f, response) == pytest.approx(math.hypot(3.0e-3, 4.0e-3) / math.sqrt(2.0))
+    best = SimpleNamespace(differences=[scalar.differences(f, response)])
+    figure = draw_identified(SimpleNamespace(scalars=[scalar]), best, ["m"])
+    upper, lower = figure.axes
+    np.testing.assert_allclose(upper.lines[1].get_ydata(), np.abs(response[20:90:3]))
+    np.testing.assert_allclose([line.get_ydata()[0] for line in lower.lines], [-3.0e-3, 4.0e-3])
+    shown = upper.get_ylabel(), lower.get_ylabel(), lower.get_xlabel()
+    assert shown == ("tip, amplitude [m]", "model less measured [m]", "f [Hz]")
+    plt.close(figure)
     with pytest.raises(ValueError, match=r"tip runs from 1 to 4\.9397, which is not where it was measured"):
         scalar.of(f[:17], response[:17])
 
