@@ -151,18 +151,17 @@ def including(path: Path, settings: Iterable[str]) -> str:
     return f"&include file='{str(path).replace(chr(39), 2 * chr(39))}'" + (f" set={listed[6:]}" if listed else "") + " /\n"
 
 
-def flat_text(biela: Path, path: Path, *settings: str, json_too: bool = False, given: str | None = None) -> str:
+def flat_text(biela: Path, path: Path, *settings: str, json_too: bool = False) -> str:
     """Return a deck as one text, or its groups as JSON; DeckError with the first line that the solver writes.
 
     Args:
         biela: the solver
-        path: of the deck; `-`: what is given
+        path: of the deck
         settings: NAME=VALUE
         json_too: whether the groups are wanted
-        given: text of a deck
     """
     words = [word for setting in settings for word in ("--set", setting)]
-    done = call_solver(biela, "--flat", *["--json"] * json_too, *words, path, given=given)
+    done = call_solver(biela, "--flat", *["--json"] * json_too, *words, path)
     if done.returncode:
         raise DeckError((done.stderr.splitlines() or [f"{path}: the solver ended with {done.returncode}"])[0])
     if "\ufffd" in done.stdout:
@@ -184,8 +183,3 @@ def read(path: Path, *settings: str, biela: Path = SOLVER) -> Deck:
     """
     listed = json.loads(flat_text(biela, path, *settings, json_too=True))
     return Deck(path.resolve(), groups_of(listed), dict(one.split("=", 1) for one in settings))
-
-
-def parse(text: str, biela: Path = SOLVER) -> Deck:
-    """Return the deck that a text states; errors are those of `read`."""
-    return Deck(Path("-"), groups_of(json.loads(flat_text(biela, Path("-"), json_too=True, given=text))))
