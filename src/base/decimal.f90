@@ -176,7 +176,8 @@ contains
     table%shift(p) = shift - 947
     mantissa = int(shiftr(bits, 73), int64)                  ! 10^p = mantissa 2^(q-1075), cut
     q = shift + 1148
+    table%least(p) = huge(mantissa)
+    if (q > 2046) return
     table%least(p) = max(q - 1, 0)*implicit_bit + shiftr(mantissa, max(1 - q, 0)) + merge(0, 1, p >= 0 .and. p <= largest_exact)
-    if (q > 2046) table%least(p) = huge(mantissa)
   end subroutine store_power
 end module decimal
