@@ -12,7 +12,6 @@ module impacts
   use dynamics, only: evaluate_motion, motion_state
   use evaluation_results, only: evaluation, conditions_of, motion_of_row, row_power
   use force_element, only: by_position, most_roots, watched_roots
-  use friction_law, only: row_slips
   use joint_response, only: apply_multipliers
   use joint_system, only: add_row_motion
   use marker_motion, only: marker_kinematics
@@ -54,8 +53,8 @@ module impacts
 
 contains
 
-  !> Passes all rigid stops that are touched at a state, some of which may have just been hit: velocities, events. Joints with
-  !> friction that move after an impact slip. Which stops hold then is not said: those that were closed still are.
+  !> Passes all rigid stops that are touched at a state, some of which may have just been hit: velocities, events. Which stops and
+  !> joints with friction hold then is not said: those that held still do.
   subroutine pass_impacts(m, ev, at, fallen, list, x)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -80,7 +79,6 @@ contains
     call find_responses(m, ev, c)
     call strike(m, ev, at%t, at%q, at%v, c, list, x)
     ev%switches%state = before
-    if (any(x%impulse > 0.0_wp)) call slip_as_struck(m, ev)
     x%side(c%place) = c%side
     x%yield(c%place) = [(c%w(i, i), i=1, c%n)]
     x%restitution(c%place) = c%e
@@ -227,18 +225,6 @@ contains
       end do
     end subroutine add_work
   end subroutine strike
-
-  !> Joints with friction that move after an impact slip in that direction, also those that stuck before.
-  subroutine slip_as_struck(m, ev)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    integer :: k
-    do k = 1, size(m%s%friction)
-      associate (x => motion_of_row(m, ev, k), state => ev%switches%state(m%s%friction(k)%number))
-        if (abs(x%rate) > x%still) state = nint(sign(1.0_wp, x%rate))*row_slips
-      end associate
-    end do
-  end subroutine slip_as_struck
 
   !> Impulses of the chosen stops that let none of them be entered: W x + b >= 0, x >= 0, one of both zero.
   subroutine push(c, chosen, b, x, solved)

@@ -66,9 +66,8 @@ contains
     associate (now => motion_of_row(m, ev, k), one_sided => m%s%constraints(m%s%permanent + k)%item%one_sided, &
                state => x%before(k))
       state = relation(m, ev, x, k)
-      down = abs(state) == row_slips .and. fallen(most_roots*(number(m, k) - 1) + 1)
-      x%rests(k) = state == row_stuck .or. down .or. abs(now%rate) <= now%still
-      if (one_sided) x%rests(k) = -x%side(k)*now%rate <= now%still
+      down = .not. one_sided .and. abs(state) == row_slips .and. fallen(most_roots*(number(m, k) - 1) + 1)
+      x%rests(k) = down .or. merge(-x%side(k)*now%rate, abs(now%rate), one_sided) <= now%still
       if (.not. x%rests(k)) call set_relation(m, ev, x, k, nint(sign(1.0_wp, now%rate))*row_slips)
       if (.not. x%rests(k) .or. state == row_stuck) return
       call hold(m, ev, x, k)

@@ -353,6 +353,9 @@ contains
     logical, intent(in) :: settled
     integer :: k
     if (.not. allocated(self%pressing)) allocate (self%pressing(size(self%m%s%friction)), source=0.0_wp)
+    associate (state => self%ev%switches%state(size(self%m%s%switching) + 1:))
+      if (.not. settled) where (abs(state) == row_carried) state = sign(row_slips, state)   ! what would slip may be the cause
+    end associate
     do k = 1, size(self%pressing)
       self%pressing(k) = pressing(self%m, self%ev, k, .true.)
     end do
