@@ -252,15 +252,19 @@ def test_the_example_of_a_contact_is_one_of_a_free_mass(run_deck):
     assert example["stiffness"] == pytest.approx(1e4, rel=1e-12)
     assert example["mass"] == pytest.approx(MASS, rel=1e-12)
     assert example["contact"] == pytest.approx(np.pi * np.sqrt(MASS / 1e4), rel=1e-12)
+    rigid = deck.replace("stiffness=1.0e4 exponent=1.0", "restitution=0.5") + "&transient t_end=1.0 step=1e-3 /\n"
+    told = run_deck(rigid, "--check", "--json", name="rigid").stdout
+    assert json.loads(told)["stop_examples"][0]["mass"] == pytest.approx(MASS, rel=1e-12)
 
 
 def test_contact_stiffness_joins_the_current_bound(run_deck):
-    """A mass on a linear stop is stable by rk4 up to 2 sqrt(2) over its frequency."""
+    """A mass between a spring and a linear stop is stable by rk4 up to 2 sqrt(2) over its frequency."""
     deck = BALL.format(k=1, y=0.1) + FLOOR.replace("restitution=0.5", "exponent=1.0").replace("1.0e8", "1.0e4")
+    deck += "&spring name='k' type='linear' body_a='b1' point_b=0.0,-1.0 stiffness=100.0 free_length=1.1 /\n"
     deck += "&transient t_end=0.3 method='rk4' step=1e-3 output_step=0.1 /\n"
     run = run_deck(SCENE + deck)
-    assert run.transient["smallest_bound_in_contact"] == pytest.approx(np.sqrt(8 * MASS / 1e4), rel=1e-5)
-    assert 'while stops touched: 4.0000E-02 s (stop "floor")' in run.summary
+    assert run.transient["smallest_bound_in_contact"] == pytest.approx(np.sqrt(8 * MASS / (1e4 + 100)), rel=1e-5)
+    assert 'while stops touched: 3.9801E-02 s (stop "floor")' in run.summary
 
 
 def test_contact_damping_joins_the_current_bound(run_deck):

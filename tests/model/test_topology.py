@@ -202,6 +202,12 @@ def test_stated_velocities_that_contradict_the_joints_are_corrected_with_a_warni
     assert run.history["b"][0] == pytest.approx(run.history["a"][0], abs=1e-12)
 
 
+def test_a_stated_velocity_with_the_digits_of_a_deck_is_no_contradiction(run_deck):
+    """Along a rail that is not that of an axis; nothing turns, and the rail stands."""
+    text = rigid("a", more="velocity=0.955336,0.295520") + joint("rail", "prismatic", "a", "direction=0.3")
+    assert run_deck(WEIGHTLESS + text + transient(0.01)).stderr == ""
+
+
 def test_only_what_contradicts_is_corrected(run_deck):
     """The first link cannot move away from its pin; the second keeps what the deck states, the first link's spin gives it."""
     text = rigid("a", more="velocity=0.0,1.0") + rigid("b", "1.0,0.0", more="velocity=0.0,2.0")
