@@ -45,9 +45,9 @@ FLAGS_coverage = -O0 -g --coverage
 FLAGS_once     = $(if $(filter release,$(BUILD)),$(ONCE))
 FLAGS          = $(STANDARD) $(FLAGS_$(BUILD))
 
-# what runs once a deck: whole folders, but for analysis/transient, which runs in each step. The time of modes and
-# bounds is that of LAPACK and of algebra
-ONCE_FOLDERS = model/body/setup system/setup closing/assembly deck build modes stability analysis
+# what runs once a deck: whole folders, but for analysis/transient, which runs in each step. The time of bounds is
+# that of LAPACK and of algebra; modes of bodies that turn slowly are found with fewer digits without optimisation
+ONCE_FOLDERS = model/body/setup system/setup closing/assembly deck build stability analysis
 RUNS_ONCE    = $(filter-out $(B)/analysis/transient/%,$(filter $(ONCE_FOLDERS:%=$(B)/%/%),$(1)))
 
 SOURCES  := $(sort $(shell find src -name '*.f90'))
