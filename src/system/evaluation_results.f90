@@ -86,7 +86,8 @@ module evaluation_results
     type(attachment_results), allocatable :: attached(:)   !! (nb), likewise
     real(wp), allocatable :: work(:, :)         !! (2, largest nf) of solves with m_ff [any]
     type(multiplier_system) :: schur            !! S = Phi_q M^-1 Phi_q^T
-    type(multiplier_system) :: closing          !! Phi_r Mc^-1 Phi_r^T of the frames alone, elastic coordinates fixed
+    type(multiplier_system), allocatable :: closing   !! Phi_r Mc^-1 Phi_r^T of the frames alone, elastic coordinates fixed;
+                                                !! allocated where a body is flexible
     logical :: elastic_fixed = .false.           !! S is that of the frames alone: elastic coordinates do not move
     real(wp), allocatable :: displacement(:, :) !! (3, markers) work: by small motions of the coordinates, global axes [m, m, rad]
     real(wp), allocatable :: wrench(:, :)       !! (3, markers) of force elements, body axes [N, N, N m]
