@@ -18,7 +18,6 @@ module difference_space
     procedure :: rest_of
     procedure :: fit
     procedure :: ritz
-    procedure :: amplification
   end type direction_space
 
   !> Ritz pairs of M, the largest first.
@@ -191,17 +190,4 @@ contains
       order(j + 1) = k
     end do
   end function descending
-
-  !> By how much an error of one turn appears in the cycle: the size of (1 - M)^-1 in the space.
-  real(wp) function amplification(self) result(factor)   ! [-]
-    class(direction_space), intent(in) :: self
-    real(wp), allocatable :: h(:, :), s(:), u(:, :), vt(:, :)
-    integer :: k
-    h = -restricted(self)
-    do k = 1, self%count
-      h(k, k) = h(k, k) + 1
-    end do
-    call decompose(h, s, u, vt)
-    factor = 1/max(s(self%count), tiny(1.0_wp))
-  end function amplification
 end module difference_space
