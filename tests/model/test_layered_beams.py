@@ -217,6 +217,15 @@ def test_a_few_modes_keep_the_damping_of_a_core(poles):
     np.testing.assert_allclose(found.imag, exact.imag, rtol=2e-5)
 
 
+@pytest.mark.parametrize(
+    ("modulus", "words", "named"), [("4e7", "", False), ("5e7", "", True), ("5e7", "core_stretch=.true.", False)]
+)
+def test_a_core_that_is_stiff_beside_its_faces_is_named(run_deck, modulus, words, named):
+    """E h of the core over that of the thinner face: 2.8e-4 and 3.5e-4; the limit is 3e-4."""
+    deck = ARM.replace("4e5", modulus).replace("cores=2", f"cores=2 {words}") + CLAMPED.format("") + "&modal modes=1 /\n"
+    assert ("would store in its stretch" in run_deck(deck).summary) == named
+
+
 def test_shares_of_layers_are_those_of_the_pole(run_deck):
     """x* (s^2 M + K(s)) x = 0 at a pole: the loss factor of K(s) is that of -s^2, and the sum of the layers' parts."""
     table = read(run_deck(ARM + CLAMPED.format("") + "&modal modes=3 /\n").folder, "modes")

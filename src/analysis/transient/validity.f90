@@ -17,6 +17,7 @@ module validity
   real(wp), parameter :: large_rotation = 0.2_wp     !! of a section [rad]
   real(wp), parameter :: fast_spin = 1.0_wp/3.0_wp   !! of the lowest bending frequency [-]
   real(wp), parameter :: slender = 0.01_wp           !! change of a frequency by shear beyond which a beam is not slender [-]
+  real(wp), parameter :: stretched_core = 3.0e-4_wp  !! of a face: a loss factor errs by about twice as much (theory.md, 16) [-]
   real(wp), parameter :: shear_ratio = 3.12_wp       !! E/(kappa G) of a rectangle at Poisson's ratio 0.3 [-]
   real(wp), parameter :: least_vibration = 1.0e-9_wp !! smallest amplitude of a vibration, of the deflection [-]
   real(wp), parameter :: part_period = 1.1_wp        !! error of a frequency taken from a part of a period [-]
@@ -159,7 +160,7 @@ contains
     end do
   end function thick_beams
 
-  !> A warning of a body that is not slender; empty where it is.
+  !> Warnings of a body that is not slender, and of cores that are stiff; empty where there are none.
   function thickness(body, stage) result(text)
     type(body_model), intent(in) :: body
     character(*), intent(in) :: stage               !! as in `warnings`
@@ -167,13 +168,32 @@ contains
     real(wp) :: shear                                ! [-]
     logical :: reduced                               ! to modes
     text = ''
+    shear = stiff_core(body)
+    if (shear > stretched_core) text = sentence(body, stage, 'has a core that would store in its stretch', 100*shear, &
+      '% of what a face beside it does: its viscoelastic terms act on its shear alone (core_stretch=.true.: on all of it)')
     shear = shear_correction(body)
     if (.not. shear > slender) return
     reduced = body%basis%reduced_from > 0
-    text = sentence(body, stage, 'is so short and thick that shear and rotary inertia, which beams here lack, would lower its '// &
-                    either('highest kept', 'lowest', reduced .and. body%nf > 1)//' frequency by', 100*shear, &
-                    '%'//either('', ', and higher ones by more', reduced))
+    text = text//sentence(body, stage, 'is so short and thick that shear and rotary inertia, which sections without '// &
+                    'shear=.true. lack, would lower its '//either('highest kept', 'lowest', reduced .and. body%nf > 1)// &
+                    ' frequency by', 100*shear, '%'//either('', ', and higher ones by more', reduced))
   end function thickness
+
+  !> Stretching stiffness of a viscoelastic core over that of the thinner layer beside it, the largest of the body; 0: no such core.
+  pure real(wp) function stiff_core(body) result(ratio)   ! [-]
+    type(body_model), intent(in) :: body
+    integer :: k, l
+    ratio = 0.0_wp
+    if (.not. allocated(body%layers)) return
+    do k = 1, size(body%layers%sections)
+      associate (s => body%layers%sections(k), ea => body%layers%sections(k)%layers%young*body%layers%sections(k)%layers%area)
+        do l = 2, size(ea) - 1
+          if (s%layers(l)%core == 0 .or. s%core_stretch .or. .not. s%layers(l)%follows) cycle
+          ratio = max(ratio, ea(l)/min(ea(l - 1), ea(l + 1)))
+        end do
+      end associate
+    end do
+  end function stiff_core
 
   !> A warning with a figure.
   function sentence(body, stage, what, x, rest) result(text)
