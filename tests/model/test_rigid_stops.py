@@ -397,6 +397,36 @@ def test_all_loads_pass_through_zero_at_an_event(method, run_deck):
     assert np.ptp(run.history["b.x"][run.history["t"] > left[0]]) < 1e-9  # nothing acts on it any more
 
 
+def test_friction_that_hardly_acts_on_a_freedom(run_deck):
+    """A stop is left while a pin hardly turns with the mechanism: it is carried, then slips; no event changes nothing."""
+    deck = """&scene gravity=0,-9.81 /
+&body name='k' mass=1.968 inertia=0.0257 com=0.072239945463803246,0 angle=2.1470052009032674 angular_velocity=0.000 /
+&body name='r' mass=0.475 inertia=0.0394 com=0.24189163954532053,0 position=-0.078719705440993798,0.12115133865433035
+  angle=0.54277737547386429 /
+&body name='s' mass=1.796 inertia=0.0213 com=0.20518233369604058,0 position=0.51084272409201403,0 angle=2.0121952583385161 /
+&joint name='o' type='revolute' body_a='k' friction=0.000 pin_radius=0.028 preload=0.055 /
+&joint name='p' type='revolute' body_a='r' body_b='k' point_b=0.14447989092760649,0 /
+&joint name='q' type='revolute' body_a='r' body_b='s' point_a=0.48378327909064106,0 point_b=0.41036466739208116,0
+  friction=0.300 friction_static=0.380 pin_radius=0.010 /
+&joint name='t' type='revolute' body_a='s' point_b=0.51084272409201403,0 /
+&stop name='sk' type='rotation' body_a='k' upper=3.140 lower=0.944 restitution=0.0 /
+&history name='h' kind='sine' amplitude=2.992 frequency=1.650 phase=1.563 /
+&force name='m' type='torque' body='k' moment=1 history='h' /
+&sensor name='x' quantity='position' body='k' point=.1,.1 /
+&sensor name='w' quantity='angular_velocity' body='k' /
+&sensor name='fo' quantity='friction' joint='o' /
+&sensor name='fq' quantity='friction' joint='q' /
+&transient t_end=0.5 output_step=0.01 method={} /
+"""
+    runs = [run_deck(deck.format(method), name=method[1:4]) for method in ("'dopri5' tolerance=1e-10", "'radau' tolerance=1e-9")]
+    first, second = (events_of(run) for run in runs)
+    assert [words[1:4] for words in first] == [words[1:4] for words in second]
+    assert all(words[2] != words[3] for words in first)
+    left = next(words[0] for words in first if words[1:4] == ("sk", "upper_idle", "open"))
+    assert {words[1:4] for words in first if words[0] == left} == {("sk", "upper_idle", "open"), ("o", "stuck", "backward")}
+    assert runs[0].history["x.x"] == pytest.approx(runs[1].history["x.x"], abs=1e-8)
+
+
 GEARED = """&body name='a' mass=1.0 inertia=0.05 /
 &body name='b' mass=1.0 inertia=0.02 position=0.3,0.0 /
 &joint name='ja' type='revolute' body_a='a' /
