@@ -109,6 +109,7 @@ contains
     if (g > 1000.0_wp) call warn(d%scene%at, 'gravity of '//to_text(g)//' m/s2: mm/s2 for m/s2?')
     if (g < 1.0_wp .or. g > 30.0_wp) return
     do k = 1, size(d%sections)
+      if (.not. d%sections(k)%area > 0.0_wp) cycle       ! of layers
       size_of = sqrt(12*d%sections(k)%inertia/d%sections(k)%area)
       call warn_if(size_of > deepest, d%sections(k)%at, &
                    'a depth of about '//to_text(size_of)//' m beside gravity in m/s2: mm for m?')

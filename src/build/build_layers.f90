@@ -175,7 +175,7 @@ contains
     s%layers(1)%second = r%inertia
     if (r%shear) s%layers(1)%turning = r%inertia
     factor = r%shear_factor
-    if (.not. factor > 0.0_wp) factor = shear_coefficient(trim(r%shape), m%poisson, r%inner/r%outer)
+    if (.not. factor > 0.0_wp) factor = shear_coefficient(trim(r%shape), m%poisson, r%inner/max(r%outer, tiny(1.0_wp)))
     s%layers(1)%shear = factor*s%layers(1)%young/(2*(1 + m%poisson))
     call set_up_section(s)
   end subroutine one_layer

@@ -52,11 +52,12 @@ def test_words_and_figures_have_the_same_facts(name, run_deck):
     found = figures(run.folder)
     lines = run.summary.partition("\ndeck text\n")[0].splitlines()
     told = [line for line in lines if not line.startswith(("title", "version", "timing", "deck:")) and "warning: " not in line]
-    words = [word for line in told for word in NUMBER.findall(line.replace("order 3", "").replace("by 5 degrees", ""))]
+    numbered = re.compile(r"order 3|by 5 degrees|multiplier \d+: ")
+    words = [word for line in told for word in NUMBER.findall(numbered.sub("", line))]
     facts = {key: value for key, value in found.items() if key not in ("scene", "groups", "timing")}
     values = numbers(facts)
     literal = {"3", "1", "0.01"}  # coordinates of a frame; the penetration of the examples
-    rough = {word: 0.06 if re.fullmatch(r"-?\d\.\dE[-+]\d+", word) else 6e-3 for word in words}
+    rough = {word: 0.06 if re.fullmatch(r"-?\d\.\dE[-+]\d+|0\.\d\d?", word) else 6e-3 for word in words}
     same = {word: [x for x in values if math.isclose(x, float(word), rel_tol=rough[word], abs_tol=1e-300)] for word in words}
     sentences = json.dumps({key: value for key, value in facts.items() if key != "deck_text"})
     literal |= set(NUMBER.findall(sentences))  # in strings: what damps a body, whether modes are all

@@ -83,7 +83,8 @@ contains
       if (deck%is_given('element_section') .and. any(b%element_section == 0)) return
       layered = .false.
       do e = 1, size(layered)
-        if (b%element_section(e) > 0) layered(e) = size(sections(b%element_section(e))%layers) > 0
+        if (b%element_section(e) == 0) cycle
+        if (allocated(sections(b%element_section(e))%layers)) layered(e) = size(sections(b%element_section(e))%layers) > 0
       end do
       if (.not. any(layered)) then
         if (.not. deck%is_given('element_material')) call deck%need('material')

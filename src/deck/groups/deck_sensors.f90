@@ -130,7 +130,7 @@ contains
         end do
       end associate
     end do
-    there(b%slip_held, :) = .false.
+    there(pack(b%slip_held, b%slip_held >= 1 .and. b%slip_held <= b%nodes), :) = .false.
     n = n + count(there)
   end function core_coordinates
 end module deck_sensors
