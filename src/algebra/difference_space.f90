@@ -3,6 +3,7 @@
 module difference_space
   use kinds, only: wp
   use lapack, only: dgeev, dgesdd, dgesv
+  use sorting, only: ascending
   implicit none (type, external)
   private
 
@@ -144,7 +145,7 @@ contains
     h = restricted(self)
     allocate (left(n, n), right(n, n), re(n), im(n), work(8*n + 8))
     call dgeev('V', 'V', n, h, n, re, im, left, n, right, n, work, size(work), info)
-    order = descending(hypot(re, im))
+    order = ascending(-hypot(re, im))         ! equal ones, the two of a pair, stay as they are
     pairs%value = cmplx(re(order), im(order), wp)
     allocate (pairs%left(n, n), pairs%right(n, n), pairs%residual(n), pairs%condition(n))
     allocate (pairs%vector(size(self%v, 1), n))
@@ -172,22 +173,4 @@ contains
     if (im(k) > 0.0_wp) z = cmplx(x(:, k), x(:, k + 1), wp)
     if (im(k) < 0.0_wp) z = cmplx(x(:, k - 1), -x(:, k), wp)
   end function complex_vector
-
-  !> Numbers in descending order; equal ones, the two of a pair, stay as they are.
-  pure function descending(x) result(order)
-    real(wp), intent(in) :: x(:)              !! [-]
-    integer :: order(size(x)), i, j, k
-    order = [(k, k=1, size(x))]
-    do i = 2, size(x)
-      k = order(i)
-      j = i - 1
-      do while (j > 0)
-        if (x(order(j)) >= x(k)*(1 + 1.0e-12_wp)) exit
-        if (abs(x(order(j)) - x(k)) <= 1.0e-12_wp*x(k)) exit
-        order(j + 1) = order(j)
-        j = j - 1
-      end do
-      order(j + 1) = k
-    end do
-  end function descending
 end module difference_space

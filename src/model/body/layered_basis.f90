@@ -144,8 +144,8 @@ contains
     real(wp), intent(in), contiguous, optional :: d(:, :)   !! (1, rows of all elements) [m, rad]
     real(wp) :: parts(3)                            !! [J]
     real(wp), allocatable :: x(:, :)                ! [m, rad]
-    real(wp) :: twice, axial
-    integer :: e, i
+    real(wp) :: axial                               ! force, then twice its energy [N], [J]
+    integer :: e, i, part, rest
     allocate (x(1, self%columns))
     if (present(d)) then
       x = d
@@ -155,17 +155,16 @@ contains
     parts = 0.0_wp
     do e = 1, b%ne
       associate (kind => b%layers%kinds(b%layers%kind(e)), row => b%layers%row(:, e))
+        rest = merge(3, 2, kind%coordinates > 6)     ! where layers slip, their stretch counts with the slip
         axial = 0.0_wp
         do i = 1, size(kind%stiffness)
-          twice = kind%stiffness(i)*x(1, row(i))**2
           axial = axial + kind%force(1, i)*x(1, row(i))
-          parts(merge(3, 2, kind%coordinates > 6 .and. (kind%shear(i) .or. .not. kind%angle(i)))) = &
-            parts(merge(3, 2, kind%coordinates > 6 .and. (kind%shear(i) .or. .not. kind%angle(i)))) + twice
+          part = merge(rest, 2, kind%shear(i) .or. .not. kind%angle(i))
+          parts(part) = parts(part) + kind%stiffness(i)*x(1, row(i))**2
         end do
         axial = axial**2/b%elements(e)%ea_l
         parts(1) = parts(1) + axial
-        i = merge(3, 2, kind%coordinates > 6)
-        parts(i) = parts(i) - axial
+        parts(rest) = parts(rest) - axial
       end associate
     end do
   end function strain_parts
