@@ -148,6 +148,9 @@ def picture(found: Tradeoff) -> plt.Figure:
         for k, family in enumerate(FAMILIES):
             far = [(p.seconds, p.error) for p in found.points if p.setting.family == family and p.error >= TALLEST]
             mark_beyond(axes, *np.array(far).reshape(-1, 2).T, COLOURS[k])
+        left, right = axes.get_xlim()
+        wider = math.sqrt(max(1.0, 12.0 * left / right))  # below a decade the ticks between powers of ten have names, which meet
+        axes.set_xlim(left / wider, right * wider)
         axes.set(xlabel="seconds of the processor, analyses alone", ylabel="largest error / range, worst column")
         axes.set_title(f"{found.options.deck.name}: {', '.join(found.measured.columns)}"[:90], fontsize=10)
         figure.legend(handles=lines, loc="outside lower center", ncols=2, fontsize=8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,11 @@ from biela import tradeoff_work
 from biela.compare import differences
 from biela.deck import read as read_deck
 from biela.histories import Event, read, read_summary
+from biela.picture_files import save
 from biela.programs import tradeoff as tradeoff_command
 from biela.tradeoff_errors import against, state_differences
 from biela.tradeoff_models import refined, removals
+from biela.tradeoff_settings import Grid, Setting, TradeoffOptions
 from conftest import REFERENCE, ROOT
 from oracle import Scene
 from scipy.integrate import solve_ivp
@@ -84,6 +87,17 @@ def test_a_force_keeps_the_sensor_that_it_depends_on(study, run_deck, tmp_path):
     off = np.abs(done.history["v.x"] + 3.0 * np.sin(3.0 * done.history.time)).max() / 3.0
     assert off < 1e-3
     assert promised(folder)[0] == pytest.approx(off, rel=0.2, abs=1e-7)
+
+
+@pytest.mark.parametrize("across", [1.2, 1.95, 8.0])
+def test_names_of_ticks_stand_apart_however_long_the_runs_take(tmp_path, across):
+    """The fixture `texts_stand_apart` looks; the seconds of a study on another machine are not those of this one."""
+    found = tradeoff_work.Tradeoff(TradeoffOptions(tmp_path / "deck.nml", tmp_path), tmp_path, Grid(1.0, 0.1, 0.1))
+    found.measured = SimpleNamespace(columns=["v.x"])
+    for k in range(4):
+        values = {"v.x": 0.1**k, "rms": 0.1**k, "seconds": 1.4e-3 * across ** (k / 3)}
+        found.points.append(tradeoff_work.Point("", Setting("rk4", k), None, values))
+    save(found.picture(), tmp_path / "picture")
 
 
 def test_refined_truth_is_met(study, run_deck, biela):
