@@ -215,6 +215,7 @@ def test_friction(run_deck):
     times = [float(e[0]) for e in events]
     assert len(times) == 2
     state, monodromy, now = np.array([run.history["x.x"][0], run.history["v.x"][0]]), np.eye(2), 0.0
+    lost, turns = run.figures["periodic"]["losses"], []
     sign = math.copysign(1.0, state[1])
     for event in [*times, period]:
         shift = np.array([-sign * brake / 100, 0])
@@ -222,11 +223,14 @@ def test_friction(run_deck):
         state, monodromy, now = state + shift, flight @ monodromy, event
         if event < period:
             assert abs(state[1]) < 1e-8
+            turns.append(state[0])
             drive = -100 * state[0] + 30 * math.sin(14 * event)
             monodromy = np.diag([1, (drive + sign * brake) / (drive - sign * brake)]) @ monodromy
             sign = -sign
     assert np.allclose(state, [run.history["x.x"][0], run.history["v.x"][0]], atol=1e-8)
     assert_multipliers(run, np.linalg.eigvals(monodromy))
+    assert [one["element"] for one in lost] == ["rail"]
+    assert abs(lost[0]["lost"] - 2 * brake * abs(turns[0] - turns[1])) < 1e-8
 
 
 # --- unknown period

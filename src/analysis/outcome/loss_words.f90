@@ -4,6 +4,7 @@ module loss_words
   use scene_model, only: scene
   use scene_run, only: run_state
   use summary_text, only: summary_record
+  use switching, only: element_name
   use text, only: either
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
@@ -50,18 +51,25 @@ contains
   end subroutine one_joint
 
   !> A line for each material, with all its terms, and for each damped spring.
-  subroutine loss_lines(run, text)
+  subroutine loss_lines(run, y, switching, text)
     type(run_state), intent(in) :: run
+    real(wp), intent(in) :: y(:)               !! (ny) state with the losses [m, rad], [m/s, rad/s], [J]
+    logical, intent(in) :: switching           !! a line for each stop and each joint with friction as well
     type(summary_record), intent(inout) :: text
     type(viscoelastic_terms) :: law
     character(:), allocatable :: words
     real(wp), allocatable :: values(:)         ! number of the term [-] and energy [J]
     integer :: i
     associate (s => run%sys%m%s)
-      if (size(s%losses) == 0) return
+      if (size(s%losses) + merge(s%elements, 0, switching) == 0) return
       call text%open('losses', '[')
+      do i = 1, merge(s%elements, 0, switching)
+        if (i > s%stops .and. i <= size(s%switching)) cycle   ! functions of motion lose nothing
+        call text%item('  lost in '//either('friction of joint', 'stop', i > s%stops)//' "{element='// &
+                       element_name(run%sys%m, i)//'}": {lost 4} J', [y(2*s%nq + s%nz + s%nzd + 2 + i)])
+      end do
       do i = 1, size(s%losses)
-        associate (cause => s%losses(i), lost => run%y(s%ny - size(s%integrated) - size(s%losses) + i))
+        associate (cause => s%losses(i), lost => y(s%ny - size(s%integrated) - size(s%losses) + i))
           if (cause%spring > 0) then
             words = '  lost in spring "{spring='//trim(s%forces(cause%spring)%item%name)//'}": {lost 4} J'
             values = [lost]

@@ -47,7 +47,7 @@ contains
     call still_lines(run, march, text)
     call stop_lines(run, march, text)
     call friction_lines(run, text)
-    call loss_lines(run, text)
+    call loss_lines(run, run%y, .false., text)
     call accuracy_lines(run, march, status == status_failed, text)
     call validity_lines(run, status, text)
     call text%close()

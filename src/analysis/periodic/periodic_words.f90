@@ -3,6 +3,7 @@ module periodic_words
   use kinds, only: wp, pi
   use cycle_search, only: cycle_state
   use errors, only: failure, status_failed
+  use loss_words, only: loss_lines
   use readable_text, only: json_text
   use scene_model, only: scene
   use scene_run, only: run_state, no_output
@@ -83,6 +84,7 @@ contains
     call text%line('  period {period 9} s, repeats to {residual 1} after {turns_to_cycle #} turns of {steps #} steps; all '// &
       'turns: {turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, &
       cycle%turns_to_cycle, cycle%turn%steps, cycle%turns, cycle%turn%end(2*run%sys%m%s%nq + run%sys%m%s%nz + run%sys%m%s%nzd + 1)])
+    call loss_lines(run, cycle%turn%end, .true., text)
     if (cycle%start_error >= 0.0_wp) call text%line('  error of the start: {error 1} of the ranges, by half the steps', &
                                                     [cycle%start_error])
     if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, text)
