@@ -108,13 +108,7 @@ def _dots(line: plt.Line2D, points: list[np.ndarray]) -> None:
 
 
 def tiles(count: int, low: np.ndarray, high: np.ndarray) -> tuple[int, int, float, float]:
-    """Return lines, columns, width and height [inch] of as many panels, drawn to scale, as large as a sheet takes them.
-
-    Args:
-        count: of panels
-        low: lower left corner of what a panel shows [m], shape (2,)
-        high: upper right corner
-    """
+    """Return lines, columns, width and height [inch] of panels from low to high [m], to scale, as large as a sheet takes them."""
     size = high - low + 2.0 * MARGIN * (max(high - low) or 1.0)
     ratio = float(np.clip(size[1] / size[0], 0.25, 4.0))
     found = []
@@ -128,15 +122,7 @@ def tiles(count: int, low: np.ndarray, high: np.ndarray) -> tuple[int, int, floa
 def panels_to_scale(
     count: int, low: np.ndarray, high: np.ndarray, above: float, title: str = ""
 ) -> tuple[plt.Figure, list[plt.Axes]]:
-    """Return a figure of as many panels, drawn to scale.
-
-    Args:
-        count: of panels
-        low: lower left corner of what a panel shows [m], shape (2,)
-        high: upper right corner
-        above: room above each panel [inch]
-        title: written above all
-    """
+    """Return a figure of as many panels from low to high [m], to scale, with room above each [inch]."""
     lines, columns, width, height = tiles(count, low, high)
     size = (width * columns + 0.5, (height + above) * lines + 0.7)
     figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
@@ -216,14 +202,7 @@ def write_mp4(images: list[Image.Image], path: Path, seconds: float) -> None:
 def write(
     scene: Mechanism, stem: Path, frames: int = 100, seconds: float = 5.0, pictures: int = 6, title: str = "", mp4: bool = False
 ) -> list[Path]:
-    """Write STEM.gif, STEM.png and where it is asked for STEM.mp4; of STEM.gif, STEM.mp4 or a picture's name that file alone.
-
-    Returns:
-        the paths of what was written
-
-    Raises:
-        HistoryError: they cannot be written.
-    """
+    """Write STEM.gif, STEM.png, with mp4 STEM.mp4; of a STEM with such a suffix that file alone; return paths; HistoryError."""
     name = stem_of(stem, (*FORMATS, *FILMS))
     endings = [".gif", ".png"] if name == stem else [stem.suffix]
     if mp4 and ".mp4" not in endings:

@@ -32,13 +32,7 @@ def options_of(args: argparse.Namespace, kind: type) -> object:
 
 
 def call_solver(biela: Path, *words: object, given: str | None = None) -> subprocess.CompletedProcess:
-    """Call the solver and return its status and what it writes; BielaError where it cannot be called.
-
-    Args:
-        biela: the solver
-        words: of its command line
-        given: text on its standard input
-    """
+    """Call the solver with words, and text on its standard input; return what it leaves; BielaError where it cannot be called."""
     import subprocess
 
     try:
@@ -93,13 +87,7 @@ def tolerance(text: str) -> float:
 
 
 def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
-    """Return the status of a tool's work; a fault of its files becomes one line on standard error.
-
-    Args:
-        tool: name of the tool, which begins the line
-        work: what the tool does; returns its exit status
-        failed: status after a fault
-    """
+    """Return the exit status of a tool's work; a fault of its files becomes one line on standard error, and its status."""
     try:
         return work()
     except BielaError as fault:
@@ -119,10 +107,6 @@ def run(tool: str, main: Callable[[], int]) -> NoReturn:
     """Call a tool and end with its status; what it prints never ends it.
 
     Characters that the terminal's encoding lacks are shown as '?'. Where the reader has gone (`| head`), the tool ends quietly.
-
-    Args:
-        tool: its name
-        main: what it does; returns its exit status
     """
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:

@@ -16,25 +16,15 @@ CONSTANT = 1.0e-13
 
 @dataclass(frozen=True)
 class Difference:
-    """The largest difference of one column.
+    """The largest difference of one column."""
 
-    Attributes:
-        name: the column
-        unit: its unit, '' where neither file states one
-        largest: largest absolute difference, in the column's unit
-        scale: what it is measured by, in the column's unit
-        error: largest / scale
-        time: where it stands [s]
-        tolerance: what the error may be
-    """
-
-    name: str
-    unit: str
-    largest: float
-    scale: float
-    error: float
-    time: float
-    tolerance: float
+    name: str  # the column
+    unit: str  # its unit, '' where neither file states one
+    largest: float  # largest absolute difference, in the column's unit
+    scale: float  # what it is measured by, in the column's unit
+    error: float  # largest / scale
+    time: float  # where it stands [s]
+    tolerance: float  # what the error may be
 
     @property
     def passed(self) -> bool:
@@ -43,11 +33,7 @@ class Difference:
 
 
 def matching_rows(run: History, reference: History) -> np.ndarray:
-    """Return, for each row of the reference, the run's row at the same time; shape (reference rows,).
-
-    Raises:
-        HistoryError: a time of the reference is not among the run's.
-    """
+    """Return, for each row of the reference, the run's row at the same time; HistoryError where a time is not among the run's."""
     wanted, have = reference.time, run.time
     interval = np.diff(wanted).min() if wanted.size > 1 else max(abs(wanted[0]), 1.0)
     nearest = np.rint(np.interp(wanted, have, np.arange(have.size))).astype(int)
@@ -79,17 +65,9 @@ def differences(
     columns: list[str] | None = None,
     tolerances: dict[str, float] | None = None,
 ) -> list[Difference]:
-    """Return the difference of each of the reference's columns, in their order.
+    """Return the difference of each of the reference's columns, in their order; HistoryError where times or columns do not match.
 
-    Args:
-        run: what is judged
-        reference: what it is judged by
-        tolerance: of every column, relative
-        columns: shell patterns of the columns to compare (all)
-        tolerances: tolerance by shell pattern, before the general one; the last pattern that fits counts
-
-    Raises:
-        HistoryError: times or columns do not match.
+    Shell patterns choose columns (all) and have tolerances of their own, the last that fits, beside the general one.
     """
     names = reference.match(columns)
     missing = [name for name in names if name not in run]

@@ -18,15 +18,10 @@ class DeckError(BielaError):
 
 @dataclass(frozen=True)
 class Group:
-    """A group of a deck.
+    """A group of a deck."""
 
-    Attributes:
-        kind: 'body', 'joint', ...
-        values: of each key, repeat counts written out
-    """
-
-    kind: str
-    values: dict[str, list]
+    kind: str  # 'body', 'joint', ...
+    values: dict[str, list]  # of each key, repeat counts written out
 
     @property
     def name(self) -> str:
@@ -64,16 +59,11 @@ def groups_of(listed: list[dict]) -> tuple[Group, ...]:
 
 @dataclass(frozen=True)
 class Deck:
-    """A deck with its groups, and with settings by which it differs from its file.
+    """A deck with its groups, and with settings by which it differs from its file."""
 
-    Attributes:
-        path: of the file
-        groups: in their order, as the settings leave them
-        settings: values as text by GROUP/NAME/KEY, '' where the key goes; by GROUP/NAME/ where the group goes
-    """
-
-    path: Path
-    groups: tuple[Group, ...]
+    path: Path  # of the file
+    groups: tuple[Group, ...]  # in their order, as the settings leave them
+    # values as text by GROUP/NAME/KEY, '' where the key goes; by GROUP/NAME/ where the group goes
     settings: dict[str, str] = field(default_factory=dict)
 
     def all(self, *kinds: str) -> list[Group]:
@@ -152,14 +142,7 @@ def including(path: Path, settings: Iterable[str]) -> str:
 
 
 def flat_text(biela: Path, path: Path, *settings: str, json_too: bool = False) -> str:
-    """Return a deck as one text, or its groups as JSON; DeckError with the first line that the solver writes.
-
-    Args:
-        biela: the solver
-        path: of the deck
-        settings: NAME=VALUE
-        json_too: whether the groups are wanted
-    """
+    """Return a deck with settings NAME=VALUE as one text, or its groups as JSON; DeckError with the solver's first line."""
     words = [word for setting in settings for word in ("--set", setting)]
     done = call_solver(biela, "--flat", *["--json"] * json_too, *words, path)
     if done.returncode:
@@ -170,16 +153,6 @@ def flat_text(biela: Path, path: Path, *settings: str, json_too: bool = False) -
 
 
 def read(path: Path, *settings: str, biela: Path = SOLVER) -> Deck:
-    """Read a deck as the solver does: with its included files and parts, numbers for expressions.
-
-    Args:
-        path: of the deck
-        settings: NAME=VALUE of parameters, GROUP/NAME/KEY=VALUE of others
-        biela: the solver
-
-    Raises:
-        BielaError: the solver cannot be called.
-        DeckError: it refuses the deck; the first line that it writes.
-    """
+    """Read a deck with settings NAME=VALUE as the solver does, numbers for expressions; BielaError where it refuses it."""
     listed = json.loads(flat_text(biela, path, *settings, json_too=True))
     return Deck(path.resolve(), groups_of(listed), dict(one.split("=", 1) for one in settings))

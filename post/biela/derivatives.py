@@ -34,17 +34,11 @@ HEADER = [
 
 @dataclass
 class Derivatives:
-    """Derivatives at a design, of each parameter and result (rows) by each free parameter (columns).
+    """Derivatives at a design, of each parameter and result (rows) by each free parameter (columns)."""
 
-    Attributes:
-        values: by the parameters themselves, in their units; nan where runs failed
-        errors: of them
-        steps: that were taken, in parts of the ranges, shape (columns,)
-    """
-
-    values: np.ndarray
-    errors: np.ndarray
-    steps: np.ndarray
+    values: np.ndarray  # by the parameters themselves, in their units; nan where runs failed
+    errors: np.ndarray  # of them
+    steps: np.ndarray  # that were taken, in parts of the ranges, shape (columns,)
 
 
 def weights(nodes: tuple[float, ...]) -> np.ndarray:
@@ -54,15 +48,9 @@ def weights(nodes: tuple[float, ...]) -> np.ndarray:
 
 
 def matched(base: Design, other: Design, column: int, first: int = 0) -> float:
-    """Return the value of another design that belongs to an extreme of the base: of the extreme nearest to its position.
+    """Return the value of another design that belongs to an extreme of the base, 0 the deciding one: of the extreme nearest to it.
 
     Where several extremes compete their largest has a kink, each of them has none.
-
-    Args:
-        base: whose extreme is followed
-        other: a design beside it
-        column: parameter or result
-        first: number of the extreme, 0 the deciding one
     """
     extremes, others = base.extremes[column], other.extremes[column]
     if not extremes or not others:
@@ -103,19 +91,9 @@ def _at_step(runs: DesignRuns, space: Space, base: Design, start: np.ndarray, ch
 def derivatives(
     runs: DesignRuns, space: Space, base: Design, start: np.ndarray, choice: tuple, errors: np.ndarray, scales: np.ndarray
 ) -> Derivatives:
-    """Return the derivatives of all results at a design.
+    """Return the derivatives of all results at a design with its start in the unit cube; RunsOverError: there are no more runs.
 
-    Args:
-        runs: makes the runs
-        space: of the designs
-        base: the design
-        start: its position in the unit cube
-        choice: of the lists
-        errors: of its values
-        scales: sizes of the values, by which steps are chosen first
-
-    Raises:
-        RunsOverError: there are no more runs.
+    The errors of its values and their sizes, the scales, give the first steps.
     """
     own = len(space.parameters)
     known = np.maximum(errors, np.finfo(float).eps * np.abs(base.values))

@@ -18,23 +18,14 @@ class RunsOverError(Exception):
 
 @dataclass(frozen=True)
 class Design:
-    """A design and what its run gave.
+    """A design and what its run gave."""
 
-    Attributes:
-        point: values of the parameters, by name
-        values: of parameters and results, in the order of the study; nan where the run failed, and for words
-        extremes: place and value of the extremes of each of them, empty where it is no extreme of several
-        errors: of the values, 0 where they were not measured
-        reason: why the run failed, '' where it did not
-        differences: from what was measured, of each misfit
-    """
-
-    point: dict
-    values: np.ndarray
-    extremes: list
-    errors: np.ndarray
-    reason: str
-    differences: list = field(default_factory=list)
+    point: dict  # values of the parameters, by name
+    values: np.ndarray  # of parameters and results, in the order of the study; nan where the run failed, and for words
+    extremes: list  # place and value of the extremes of each of them, empty where it is no extreme of several
+    errors: np.ndarray  # of the values, 0 where they were not measured
+    reason: str  # why the run failed, '' where it did not
+    differences: list = field(default_factory=list)  # from what was measured, of each misfit
 
     @property
     def ok(self) -> bool:
@@ -43,19 +34,14 @@ class Design:
 
 
 class DesignRuns(StudyRuns):
-    """Makes runs of designs, each once.
-
-    Attributes:
-        made: the designs in the order in which they were asked for, without those that only measure errors
-        units: of the results
-    """
+    """Makes runs of designs, each once."""
 
     def __init__(self, study: Study, deck: Deck, options: StudyOptions, folder: Path) -> None:
         super().__init__(replace(study, extremes=True), deck, options, folder)
-        self.made: list[Design] = []
+        self.made: list[Design] = []  # in the order in which they were asked for, without those that only measure errors
         self.seen: dict[str, Design] = {}
         self.checked = 0
-        self.units = [""] * len(study.scalars)
+        self.units = [""] * len(study.scalars)  # of the results
 
     @property
     def count(self) -> int:
@@ -63,15 +49,9 @@ class DesignRuns(StudyRuns):
         return len(self.made) + self.checked
 
     def of(self, points: list[dict], check: bool = False) -> list[Design]:
-        """Return designs with what their runs gave.
+        """Return designs, given by the values of all parameters, with what their runs gave; `check`: runs measure their own errors.
 
-        Args:
-            points: values of all parameters by name
-            check: whether the runs measure their own errors
-
-        Raises:
-            RunsOverError: there are no more runs, those that are left were made.
-            HistoryError: Ctrl-C, or the solver cannot be called.
+        RunsOverError: there are no more runs, those that were left are made. HistoryError: Ctrl-C, or the solver cannot be called.
         """
         left = self.study.runs - self.count
         fresh = [point for point in points if check or repr(point) not in self.seen]

@@ -31,37 +31,23 @@ LEAST_STEP, LARGEST_STEP = 1.0e-6, 0.05  # of forward differences, in parts of a
 
 @dataclass(frozen=True)
 class Limit:
-    """A condition: sign * (bound - value) has to be at least zero.
+    """A condition: sign * (bound - value) has to be at least zero."""
 
-    Attributes:
-        column: parameter or result
-        sign: 1: the value has to stay below
-        bound: in its unit
-    """
-
-    column: int
-    sign: int
-    bound: float
+    column: int  # parameter or result
+    sign: int  # 1: the value has to stay below
+    bound: float  # in its unit
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What the best design is.
+    """What the best design is."""
 
-    Attributes:
-        sign: 1: the smallest value is best
-        column: parameter or result that decides
-        limits: to be met
-        scales: sizes by which values are measured, of each parameter and result
-        errors: of the values
-        several: columns of which the largest (smallest) of several extremes counts, with the sign of the better direction
-    """
-
-    sign: int
-    column: int
-    limits: tuple[Limit, ...]
-    scales: np.ndarray
-    errors: np.ndarray
+    sign: int  # 1: the smallest value is best
+    column: int  # parameter or result that decides
+    limits: tuple[Limit, ...]  # to be met
+    scales: np.ndarray  # sizes by which values are measured, of each parameter and result
+    errors: np.ndarray  # of the values
+    # columns of which the largest (smallest) of several extremes counts, with the sign of the better direction
     several: dict[int, int]
 
     def violation(self, design: Design) -> float:
@@ -113,20 +99,7 @@ class StoppedError(Exception):
 
 
 class Search(threading.Thread):
-    """One search.
-
-    Attributes:
-        number: of the search
-        space: of the designs
-        goal: what is best
-        choice: of the lists
-        begin: where it begins
-        central: derivatives by differences on both sides
-        ended: why it ended
-        path: positions of its iterates
-        best: the best design that it met, None before the first
-        fault: what went wrong in the thread
-    """
+    """One search."""
 
     def __init__(self, number: int, space: Space, goal: Goal, choice: tuple, begin: np.ndarray, central: bool = False) -> None:
         super().__init__(daemon=True)

@@ -16,16 +16,11 @@ class Space:
     """All designs of a study.
 
     A design is a position in the unit cube, one coordinate for each free parameter, and a choice from the lists of the others.
-
-    Attributes:
-        parameters: all, in the order of the study
-        free: those with ends
-        lists: the others
     """
 
-    parameters: tuple[Parameter, ...]
-    free: tuple[Parameter, ...]
-    lists: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...]  # all, in the order of the study
+    free: tuple[Parameter, ...]  # those with ends
+    lists: tuple[Parameter, ...]  # the others
 
     @classmethod
     def of(cls, study: Study) -> Space:

@@ -25,11 +25,7 @@ SYMBOL = 0.035  # size of drawn arrows and springs, of the picture's larger side
 
 
 def figures_of(source: Path, biela: Path) -> dict:
-    """Return the figures of a results folder, or of a deck that the solver assembles.
-
-    Raises:
-        HistoryError: there is none, the deck is refused, or the solver is missing.
-    """
+    """Return the figures of a results folder, or of a deck that the solver assembles; HistoryError where it refuses the deck."""
     if source.is_dir():
         return read_summary(source)
     done = call_solver(biela, "--check", "--json", source)
@@ -191,15 +187,7 @@ class ScenePicture:
 
 
 def draw(figures: dict, title: str | None = None) -> plt.Figure:
-    """Return a figure of the scene of a summary.
-
-    Args:
-        figures: what summary.json or --check --json holds
-        title: written above; left out: the deck's title and its coordinates
-
-    Raises:
-        HistoryError: they are damaged.
-    """
+    """Return a figure of a summary's scene, titled as the deck where no title is given; HistoryError where it is damaged."""
     try:
         return _drawn(figures, title)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as fault:

@@ -54,13 +54,9 @@ def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str
 def of_history(
     table: History, deck: Deck, rounding: set[str], stops: dict[str, float]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the largest values of sensors, of stresses with the element or node.
+    """Yield the largest values of sensors, of stresses with element or node; not of columns that hold rounding.
 
-    Args:
-        table: of sensors
-        deck: theirs
-        rounding: columns that hold nothing else
-        stops: the largest force of each stop by steps, between rows too; empty where only some rows count
+    `stops` has the largest force of each by steps, between rows too; it is empty where only some rows count.
     """
     groups = {group.name: group for group in deck.all("sensor")}
     for name in table.names[1:]:
@@ -142,12 +138,7 @@ def of_drives(
 
 
 def of_energy(table: History, transient: dict) -> Iterator[tuple[str, str]]:
-    """Yield largest kinetic energy, what was lost by each cause, the largest first, with its share, and work.
-
-    Args:
-        table: of energies
-        transient: figures of the run, whose lists tell what each cause has lost
-    """
+    """Yield largest kinetic energy, what was lost by each cause, the largest first, with its share, and work."""
     if np.any(table["kinetic"]):
         yield "largest kinetic energy", _peak(table.time, table["kinetic"], "J")
     lost = losses(table, transient)

@@ -15,28 +15,17 @@ FINE = 1.0e-3  # share of the largest range below which cycles are not drawn
 
 
 def cycles(values: np.ndarray) -> np.ndarray:
-    """Return the cycles of a history by rainflow counting (ASTM E1049-85, 5.4.4).
-
-    Args:
-        values: of a stress, a force or whatever else wears, shape (rows,)
-
-    Returns:
-        a row a cycle: range and mean, in the unit of the values, and count, 1 or 0.5; shape (cycles, 3)
-    """
+    """Return range, mean and count (1 or 0.5) of each cycle of a history by rainflow counting (ASTM E1049-85, 5.4.4)."""
     from rainflow import extract_cycles
 
     return np.array([cycle[:3] for cycle in extract_cycles(values)], dtype=float).reshape(-1, 3)
 
 
 def damage(counted: np.ndarray, strength: float, borne: float, slope: float, ultimate: float = np.inf) -> float:
-    """Return the share of a life that cycles use up, by Palmgren and Miner's sum, on a line of Basquin without a limit.
+    """Return the share of a life that cycles use up (Palmgren, Miner), on a line of Basquin without a limit.
 
-    Args:
-        counted: range, mean and count of each cycle
-        strength: amplitude that is borne so many times [unit of the ranges]
-        borne: those times
-        slope: the cycles borne fall with this power of the amplitude
-        ultimate: amplitudes are divided by 1 - mean/ultimate (Goodman) where means are positive [unit of the ranges]
+    The amplitude `strength` is borne `borne` times, others by the power `slope`. Amplitudes are divided by 1 - mean/ultimate
+    (Goodman) where means are positive; both in the unit of the ranges.
     """
     ranges, means, counts = counted.T
     left = 1.0 - np.maximum(means, 0.0) / ultimate
@@ -46,13 +35,7 @@ def damage(counted: np.ndarray, strength: float, borne: float, slope: float, ult
 
 
 def picture(run: History, names: list[str], life: tuple[float, float, float] | None) -> tuple[plt.Figure, list[str]]:
-    """Return a figure of how many cycles of columns have at least each range, and what is to be told of each, in words.
-
-    Args:
-        run: the history
-        names: of the columns
-        life: strength (an amplitude), cycles and slope of `damage`, drawn and told where they are given
-    """
+    """Return a figure of how many cycles of columns have at least each range, and words on each; life: as of `damage`."""
     import matplotlib.pyplot as plt
 
     from .plot import COLOURS, LOOK, axis_label, pretty_unit

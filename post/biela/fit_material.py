@@ -38,39 +38,23 @@ EDGE = 1.0e-9  # rounding of a frequency that stands on the band's end
 
 @dataclass(frozen=True)
 class Options:
-    """How a table is read, shifted and fitted.
+    """How a table is read, shifted and fitted."""
 
-    Attributes:
-        law: 'ghm' or 'maxwell'; None: the better one at equal cost
-        terms: number of terms; None: as few as reach the target
-        target: error |E_fit/E - 1| at which terms are enough [-]
-        fastest_pole: bound of the terms' poles [1/s]; None: a decade above the band
-        name: of the material; None: that of the table's file
-        density: that the deck's lines state [kg/m3]
-        source_note: where the data come from, for the deck's comment
-        band: frequencies that are used [Hz]; None: all
-        columns: names of columns that are not the usual ones, by what they hold (the keys of `material_data.USUAL`)
-        units: of the columns where the table has none: 'Hz,MPa,MPa,C'
-        tolerance: temperatures this near are one [K]
-        shift: law of the shift, 'free', 'wlf' or 'arrhenius'; None: wlf, of two temperatures free
-        reference: temperature of the terms, in the table's unit; None: the middle one
-        temperature: at which the part is used, in the table's unit; None: the reference
-    """
-
-    law: str | None = None
-    terms: int | None = None
-    target: float = 0.01
-    fastest_pole: float | None = None
-    name: str | None = None
-    density: float | None = None
-    source_note: str = ""
-    band: tuple[float, float] | None = None
+    law: str | None = None  # 'ghm' or 'maxwell'; None: the better one at equal cost
+    terms: int | None = None  # number of terms; None: as few as reach the target
+    target: float = 0.01  # error |E_fit/E - 1| at which terms are enough [-]
+    fastest_pole: float | None = None  # bound of the terms' poles [1/s]; None: a decade above the band
+    name: str | None = None  # of the material; None: that of the table's file
+    density: float | None = None  # that the deck's lines state [kg/m3]
+    source_note: str = ""  # where the data come from, for the deck's comment
+    band: tuple[float, float] | None = None  # frequencies that are used [Hz]; None: all
+    # names of columns that are not the usual ones, by what they hold (the keys of `material_data.USUAL`)
     columns: dict[str, str] = field(default_factory=dict)
-    units: str = ""
-    tolerance: float = 0.5
-    shift: str | None = None
-    reference: float | None = None
-    temperature: float | None = None
+    units: str = ""  # of the columns where the table has none: 'Hz,MPa,MPa,C'
+    tolerance: float = 0.5  # temperatures this near are one [K]
+    shift: str | None = None  # law of the shift, 'free', 'wlf' or 'arrhenius'; None: wlf, of two temperatures free
+    reference: float | None = None  # temperature of the terms, in the table's unit; None: the middle one
+    temperature: float | None = None  # at which the part is used, in the table's unit; None: the reference
 
     def __post_init__(self) -> None:
         if self.terms is not None and not 1 <= self.terms <= 12:
@@ -88,29 +72,18 @@ class Options:
 
 @dataclass(frozen=True)
 class MaterialFit:
-    """A material whose terms were fitted to a complex modulus.
+    """A material whose terms were fitted to a complex modulus."""
 
-    Attributes:
-        material: the terms
-        name: of the material
-        error: root mean square of |E_fit/E - 1| over the rows [-]
-        density: [kg/m3], None where it was not given
-        band: frequencies of the data [Hz]
-        scale: ghm_frequency_scale of the temperature at which the material is used [-]
-        points: (label, frequencies [Hz], complex moduli [Pa]) of the measurements, at the reference temperature
-        notes: what the deck's comment says: source, errors by decade, shifts
-        curve: of several temperatures, None of one
-    """
-
-    material: Material
-    name: str
-    error: float
-    density: float | None
-    band: tuple[float, float]
-    scale: float
+    material: Material  # the terms
+    name: str  # of the material
+    error: float  # root mean square of |E_fit/E - 1| over the rows [-]
+    density: float | None  # [kg/m3], None where it was not given
+    band: tuple[float, float]  # frequencies of the data [Hz]
+    scale: float  # ghm_frequency_scale of the temperature at which the material is used [-]
+    # (label, frequencies [Hz], complex moduli [Pa]) of the measurements, at the reference temperature
     points: list[tuple[str, np.ndarray, np.ndarray]]
-    notes: list[str]
-    curve: MasterCurve | None = None
+    notes: list[str]  # what the deck's comment says: source, errors by decade, shifts
+    curve: MasterCurve | None = None  # of several temperatures, None of one
 
     @property
     def warnings(self) -> list[str]:
@@ -232,14 +205,7 @@ def two_or_five(value: float) -> str:
 def picture(
     material: Material, title: str, band: tuple[float, float], points: list[tuple[str, np.ndarray, np.ndarray]]
 ) -> plt.Figure:
-    """Draw storage modulus, loss factor and the loss moduli of the terms over frequency.
-
-    Args:
-        material: the curve
-        title: written above
-        band: frequencies of the data [Hz]
-        points: (label, frequencies [Hz], complex moduli [Pa]) of measurements
-    """
+    """Draw storage modulus, loss factor and terms over a band [Hz], and points: label, frequencies [Hz], moduli [Pa]."""
     wide = np.logspace(*np.log10(band), 400)
     curve = material.modulus(wide)
     terms = material.term_curves(wide)
@@ -349,15 +315,7 @@ def as_measured(data: Measurements) -> list[str]:
 
 
 def fit_table(source: str | Path, options: Options) -> MaterialFit:
-    """Fit terms to a table of measured moduli.
-
-    Args:
-        source: the table (material_data.py says how it may look)
-        options: of reading, shifting and fitting
-
-    Raises:
-        DataError: the table cannot be used, or does not meet the options.
-    """
+    """Fit terms to a table of measured moduli, as material_data.py reads it; DataError: it cannot be used so."""
     source = Path(source)
     data = material_data.read(source, options.columns, options.units, options.tolerance)
     curve, notes = shifted(options, data)
@@ -391,16 +349,7 @@ def band_of(material: Material) -> tuple[float, float]:
 def fitted(
     options: Options, source: Path, points: list, notes: list[str], scale: float = 1.0, curve: MasterCurve | None = None
 ) -> MaterialFit:
-    """Fit terms to moduli.
-
-    Args:
-        options: of the fit
-        source: where the moduli come from, for messages and comment
-        points: (label, frequencies [Hz], complex moduli [Pa]) of what is fitted
-        notes: lines for the comment
-        scale: ghm_frequency_scale of the temperature at which the material is used [-]
-        curve: of several temperatures
-    """
+    """Fit terms to points: label, frequencies [Hz], complex moduli [Pa]; scale: ghm_frequency_scale at the part's temperature."""
     frequency, modulus = (np.concatenate([one[k] for one in points]) for k in (1, 2))
     inside = np.ones(frequency.size, dtype=bool)
     if options.band:

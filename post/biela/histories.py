@@ -39,19 +39,12 @@ COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
 
 @dataclass(frozen=True)
 class History:
-    """Columns of numbers against time.
+    """Columns of numbers against time."""
 
-    Attributes:
-        path: the file they come from
-        names: column names; the first is the independent one, `t` in every file of a transient
-        units: unit of each name, '' where the file states none
-        data: array of shape (rows, columns), in the columns' units; a column's values lie side by side
-    """
-
-    path: Path
-    names: list[str]
-    units: dict[str, str]
-    data: np.ndarray
+    path: Path  # the file they come from
+    names: list[str]  # column names; the first is the independent one, `t` in every file of a transient
+    units: dict[str, str]  # unit of each name, '' where the file states none
+    data: np.ndarray  # array of shape (rows, columns), in the columns' units; a column's values lie side by side
 
     @property
     def time(self) -> np.ndarray:
@@ -85,16 +78,7 @@ class History:
         return self if rows.all() else History(self.path, self.names, self.units, np.asfortranarray(self.data[rows]))
 
     def turns(self, angle: str, first: int, last: int) -> History:
-        """Return the rows of whole turns, with their first and their last instant by a cubic spline.
-
-        Args:
-            angle: column of an angle that grows or falls throughout [rad]
-            first: number of a turn, 1 the first of the run, -1 its last whole one
-            last: number of a turn
-
-        Raises:
-            HistoryError: there are no such turns, or the angle goes back.
-        """
+        """Return the rows of whole turns of an angle [rad], 1 the first, -1 the last, both ends by a spline; HistoryError."""
         from scipy.interpolate import CubicSpline
 
         turned = np.abs(self[angle] - self[angle][0]) / (2.0 * np.pi)
@@ -128,11 +112,7 @@ class History:
         return [f"{name}_[{self.units[name]}]" if self.units[name] else name for name in self.names]
 
     def match(self, patterns: list[str] | None = None) -> list[str]:
-        """Return the names that shell patterns (`*`, `?`) select, in file order; without patterns all but the first.
-
-        Raises:
-            HistoryError: a pattern selects nothing.
-        """
+        """Return the names that shell patterns select, in file order; without patterns all but the first; HistoryError: none."""
         if not patterns:
             return self.names[1:]
         chosen = set()
@@ -149,15 +129,10 @@ class History:
 
 
 def read(source: str | Path, kind: str = "history") -> History:
-    """Read a results file, a reference (`.csv`), or the file of the given kind in a results folder.
+    """Read a results file, a reference (`.csv`), or the file of a kind ('history', 'energy', 'motion', ...) in a results folder.
 
-    Args:
-        source: a file, or a folder such as results/<deck name>
-        kind: 'history', 'energy' or 'motion': which file of a folder
-
-    Raises:
-        HistoryError: the file is missing or unreadable, has no column names, no rows, a row of the wrong length, a word that
-            is no finite number, or a time that does not increase.
+    HistoryError: the file is missing, has no column names, no rows, a row of the wrong length, a word that is no finite number, or
+    a time that does not increase.
     """
     path = Path(source)
     if path.is_dir():
@@ -201,14 +176,7 @@ def _head(path: Path, separator: str | None) -> tuple[list[str], int]:
 
 
 def _large_table(path: Path, first: int, width: int, separator: str | None) -> np.ndarray | None:
-    """Return the rows of a large table, read by pandas block by block on all cores; None where it is missing, or cannot read them.
-
-    Args:
-        path: the file
-        first: byte at which its rows begin
-        width: numbers of a row
-        separator: between numbers; None for blanks and tabs, as many as there are
-    """
+    """Return a table whose rows begin at a byte, by pandas on all cores; None: pandas is missing or cannot read it."""
     try:
         import pandas
     except ImportError:
@@ -257,11 +225,7 @@ class Event(NamedTuple):
 
 
 def read_events(folder: str | Path) -> list[Event]:
-    """Read the events of a run; a scene in which nothing switches leaves no such file, and has none.
-
-    Raises:
-        HistoryError: the file is unreadable or damaged.
-    """
+    """Read the events of a run; a scene in which nothing switches leaves no such file, and has none; HistoryError: damaged."""
     path = Path(folder) / EVENTS
     try:
         lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -294,14 +258,7 @@ def common_still(runs: list[History]) -> dict[str, float] | None:
 
 
 def still_columns(figures: dict) -> dict[str, float] | None:
-    """Return the columns of a history that only rounding moves, as the solver has found, and the value at which each stands.
-
-    Args:
-        figures: those of summary.json
-
-    Returns:
-        none where no transient has come to an end that could tell.
-    """
+    """Return the columns that rounding alone moves, with their values, as summary.json says; None: no transient came to an end."""
     if figures.get("status") is None or "reached" not in figures.get("transient", {}):
         return None
     return {name.partition("[")[0]: value for name, value in figures["transient"].get("still_columns", {}).items()}
@@ -319,11 +276,7 @@ class _Figures(dict):
 
 
 def read_summary(folder: str | Path) -> dict:
-    """Read the figures of a run, summary.json of its results folder (input/README.md says what they mean).
-
-    Raises:
-        HistoryError: the file is missing or damaged.
-    """
+    """Read summary.json of a results folder (input/README.md says what it means); HistoryError where it is missing or damaged."""
     path = Path(folder) / "summary.json"
     try:
         found = json.loads(path.read_text(encoding="utf-8", errors="replace"), object_hook=_Figures)

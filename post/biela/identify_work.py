@@ -35,36 +35,21 @@ class Identified:
     """Parameters that explain what was measured.
 
     The errors of what was measured are taken as independent and normal, the model as right and linear within the intervals.
-
-    Attributes:
-        study: of the parameters, and of the results with what was measured
-        space: of its designs
-        best: the design with the least squares
-        position: of it, in parts of the ranges
-        directions: orthonormal, in parts of the ranges, what the data tell best first, shape (parameters, parameters)
-        singular: singular values of the differences' slopes along these, over the error of what was measured
-        factor: of a standard error, which gives half the interval
-        degrees: measured values less parameters
-        misfit: root of the sum of squares over `degrees`; over the stated errors where these are known
-        stated: whether they are
-        units: of the results
-        folder: of what was stored and of the tables
-        notes: what a user should know
     """
 
-    study: Study
-    space: Space
-    best: Design
-    position: np.ndarray
-    directions: np.ndarray
-    singular: np.ndarray
-    factor: float
-    degrees: int
-    misfit: float
-    stated: bool
-    units: list[str]
-    folder: Path
-    notes: list[str]
+    study: Study  # of the parameters, and of the results with what was measured
+    space: Space  # of its designs
+    best: Design  # the design with the least squares
+    position: np.ndarray  # of it, in parts of the ranges
+    directions: np.ndarray  # orthonormal, in parts of the ranges, what the data tell best first, shape (parameters, parameters)
+    singular: np.ndarray  # singular values of the differences' slopes along these, over the error of what was measured
+    factor: float  # of a standard error, which gives half the interval
+    degrees: int  # measured values less parameters
+    misfit: float  # root of the sum of squares over `degrees`; over the stated errors where these are known
+    stated: bool  # whether they are
+    units: list[str]  # of the results
+    folder: Path  # of what was stored and of the tables
+    notes: list[str]  # what a user should know
 
     @property
     def covariance(self) -> np.ndarray:

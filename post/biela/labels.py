@@ -58,15 +58,7 @@ def overlaps(boxes: list[tuple[str, np.ndarray]]) -> list[tuple[str, str]]:
 
 
 def write(axis: plt.Axes, labels: list[Label]) -> list[Text]:
-    """Write labels where they are free of each other, with a thin line to what they name; where there is no room, the figure grows.
-
-    Args:
-        axis: everything else is drawn there
-        labels: what to write
-
-    Returns:
-        the texts
-    """
+    """Write labels free of each other, with a thin line to what they name, and return the texts; without room the figure grows."""
     if not labels:
         return []
     figure = axis.figure

@@ -28,12 +28,7 @@ def parts(table: History) -> dict[str, np.ndarray]:
 
 
 def draw(table: History, transient: dict) -> plt.Figure | None:
-    """Draw the energies lost over time, one on top of the other, and what each cause has taken by the end; None without losses.
-
-    Args:
-        table: of energies
-        transient: figures of the run, whose lists tell what each cause has lost
-    """
+    """Draw the energies lost over time, one on top of the other, and what each cause has taken by the end; None without losses."""
     shown = parts(table)
     causes = sorted(((sum(each.values()), cause) for cause, each in losses(table, transient).items()), reverse=True)[:MOST_BARS]
     if not shown or not causes:

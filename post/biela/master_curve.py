@@ -26,32 +26,21 @@ FLOOR = 2.0e-3  # misfit that the spacing of the spectrum leaves [-]
 
 @dataclass(frozen=True)
 class MasterCurve:
-    """Sets of several temperatures on one curve.
+    """Sets of several temperatures on one curve."""
 
-    Attributes:
-        law: 'free' (a factor each), 'wlf' (Williams, Landel & Ferry 1955) or 'arrhenius'
-        reference: temperature that is not shifted [K]
-        temperatures: of the sets, ascending [K]
-        shifts: log10 a_T of each set
-        overlaps: log10 a_T of each set as its overlap with its neighbours alone says, nan where that leaves it open
-        errors: standard error of log10 a_T of each set, as the scatter about the curve gives it; infinite of free factors
-            that an open step parts from the reference
-        open: index of the colder set, least and largest log10 a_T of the warmer one beside it, of each pair whose overlap leaves
-            their shift open
-        misfits: root mean square of the relative errors of storage and loss modulus, of each set
-        constants: C1 [-] and C2 [K] of WLF, the activation energy of Arrhenius [kJ/mol], else empty
-        frequency: of each row at the reference temperature [Hz]
-    """
-
-    law: str
-    reference: float
-    temperatures: np.ndarray
-    shifts: np.ndarray
-    overlaps: np.ndarray
+    law: str  # 'free' (a factor each), 'wlf' (Williams, Landel & Ferry 1955) or 'arrhenius'
+    reference: float  # temperature that is not shifted [K]
+    temperatures: np.ndarray  # of the sets, ascending [K]
+    shifts: np.ndarray  # log10 a_T of each set
+    overlaps: np.ndarray  # log10 a_T of each set as its overlap with its neighbours alone says, nan where that leaves it open
+    # standard error of log10 a_T of each set, as the scatter about the curve gives it; infinite of free factors that an open step
+    # parts from the reference
     errors: np.ndarray
-    misfits: np.ndarray
-    constants: np.ndarray
-    frequency: np.ndarray
+    misfits: np.ndarray  # root mean square of the relative errors of storage and loss modulus, of each set
+    constants: np.ndarray  # C1 [-] and C2 [K] of WLF, the activation energy of Arrhenius [kJ/mol], else empty
+    frequency: np.ndarray  # of each row at the reference temperature [Hz]
+    # index of the colder set, least and largest log10 a_T of the warmer one beside it, of each pair whose overlap leaves their
+    # shift open
     open: list[tuple[int, float, float]]
 
     def shift(self, temperature: float) -> float:
@@ -76,16 +65,7 @@ def _shifts(law: str, constants: np.ndarray, sets: np.ndarray, factors: np.ndarr
 
 
 def master_curve(data: Measurements, law: str, reference: float) -> MasterCurve:
-    """Shift the sets of a table onto one curve.
-
-    Args:
-        data: measurements at two temperatures or more
-        law: 'free', 'wlf' or 'arrhenius'
-        reference: temperature that is not shifted, between the measured ones [K]
-
-    Raises:
-        DataError: too few of the sets overlap, or the law does not hold for them.
-    """
+    """Shift the sets of a table by a law onto one curve at a reference [K]; DataError: it does not hold for them."""
     sets = data.temperatures
     if law == "wlf" and sets.size < 3:
         raise DataError(f"WLF has two constants, which {sets.size} temperatures do not give: --shift free or arrhenius")

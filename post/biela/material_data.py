@@ -37,21 +37,13 @@ class DataError(BielaError):
 
 @dataclass(frozen=True)
 class Measurements:
-    """A complex modulus as measured, sorted by temperature and frequency.
+    """A complex modulus as measured, sorted by temperature and frequency."""
 
-    Attributes:
-        frequency: [Hz]
-        modulus: complex modulus [Pa]
-        temperature: of each row [K], NaN where the table states none
-        group: index of the temperature at which each row was measured, from cold to warm
-        zero: of the table's scale of temperature [K]
-    """
-
-    frequency: np.ndarray
-    modulus: np.ndarray
-    temperature: np.ndarray
-    group: np.ndarray
-    zero: float
+    frequency: np.ndarray  # [Hz]
+    modulus: np.ndarray  # complex modulus [Pa]
+    temperature: np.ndarray  # of each row [K], NaN where the table states none
+    group: np.ndarray  # index of the temperature at which each row was measured, from cold to warm
+    zero: float  # of the table's scale of temperature [K]
 
     @property
     def temperatures(self) -> np.ndarray:
@@ -66,16 +58,10 @@ class Measurements:
 
 
 def read(path: Path, names: dict[str, str] | None = None, units: str = "", tolerance: float = 0.5) -> Measurements:
-    """Read a table.
+    """Read a table, columns separated by commas, semicolons, tabs or blanks; DataError: it cannot be read, or is no modulus.
 
-    Args:
-        path: a text file, columns separated by commas, semicolons, tabs or blanks
-        names: column names that are not the usual ones, by what they hold (the keys of USUAL)
-        units: 'Hz,MPa,MPa,C': units of frequency, moduli and temperature where the table states none
-        tolerance: temperatures that differ by less are one, measured with scatter [K]
-
-    Raises:
-        DataError: the file cannot be read or its numbers cannot be a modulus.
+    `names` has names of columns that are not usual, by the keys of USUAL; units ('Hz,MPa,MPa,C') count where the table states none;
+    temperatures that differ by less than the tolerance [K] are one, measured with scatter.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")

@@ -25,15 +25,10 @@ STATIC = 1.0e-2  # smallest static modulus, in parts of the smallest storage mod
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted material.
+    """A fitted material."""
 
-    Attributes:
-        material: the terms
-        error: root mean square of |E_fit/E - 1| over the rows [-]
-    """
-
-    material: Material
-    error: float
+    material: Material  # the terms
+    error: float  # root mean square of |E_fit/E - 1| over the rows [-]
 
 
 def relative_error(material: Material, frequency: np.ndarray, modulus: np.ndarray) -> np.ndarray:
@@ -86,12 +81,7 @@ class _Law:
         return Material(static, weights[kept][order], zeta[order], omega[order])
 
     def starts(self, picked: np.ndarray, terms: int) -> list[np.ndarray]:
-        """Return starting poles: those that the grid's fit picked, and evenly spaced ones.
-
-        Args:
-            picked: logarithms of the rates that non-negative least squares picked from the grid, slow to fast
-            terms: number of terms
-        """
+        """Return starting poles: logarithms of the rates that least squares picked from the grid, and evenly spaced ones."""
         inner = np.linspace(*self.range, terms + 2)[1:-1]
         rates = [inner]
         if picked.size:
@@ -164,15 +154,7 @@ def _refine(law: _Law, s: np.ndarray, modulus: np.ndarray, poles: np.ndarray, fl
 
 
 def fit(kind: str, terms: int, frequency: np.ndarray, modulus: np.ndarray, fastest: float) -> Fit:
-    """Fit a number of terms of one law.
-
-    Args:
-        kind: 'ghm' or 'maxwell'
-        terms: number of terms, 1 or more
-        frequency: [Hz], ascending or not
-        modulus: complex modulus [Pa]
-        fastest: bound of the poles [1/s]
-    """
+    """Fit terms, 1 or more, of one law to complex moduli [Pa] at frequencies [Hz]; no pole is faster than the fastest [1/s]."""
     s = 2j * np.pi * frequency[:, None]
     slowest = 2.0 * np.pi * frequency.min() / 10.0
     law = _Law(kind, slowest, fastest)

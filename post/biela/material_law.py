@@ -20,23 +20,14 @@ MAXWELL_KEYS = ("prony_alpha", "prony_tau")
 
 @dataclass(frozen=True)
 class Material:
-    """A complex modulus.
+    """A complex modulus."""
 
-    Attributes:
-        young: static modulus E_R [Pa]
-        alpha: weights of the GHM terms [-]
-        zeta: their damping ratios [-]
-        omega: their frequencies [rad/s]
-        weight: weights of the Maxwell terms [-]
-        tau: their relaxation times [s]
-    """
-
-    young: float
-    alpha: np.ndarray = field(default_factory=lambda: NONE)
-    zeta: np.ndarray = field(default_factory=lambda: NONE)
-    omega: np.ndarray = field(default_factory=lambda: NONE)
-    weight: np.ndarray = field(default_factory=lambda: NONE)
-    tau: np.ndarray = field(default_factory=lambda: NONE)
+    young: float  # static modulus E_R [Pa]
+    alpha: np.ndarray = field(default_factory=lambda: NONE)  # weights of the GHM terms [-]
+    zeta: np.ndarray = field(default_factory=lambda: NONE)  # their damping ratios [-]
+    omega: np.ndarray = field(default_factory=lambda: NONE)  # their frequencies [rad/s]
+    weight: np.ndarray = field(default_factory=lambda: NONE)  # weights of the Maxwell terms [-]
+    tau: np.ndarray = field(default_factory=lambda: NONE)  # their relaxation times [s]
 
     def modulus(self, frequency: np.ndarray) -> np.ndarray:
         """Return the complex modulus [Pa] at frequencies [Hz]."""

@@ -22,20 +22,13 @@ PER_ELEMENT = 8
 
 @dataclass
 class Body:
-    """One body over time.
+    """One body over time."""
 
-    Attributes:
-        frame: x, y, angle of its frame [m, m, rad], shape (rows, 3)
-        local: its nodes in its own axes [m], shape (rows, nodes, 2); no nodes on a plain rigid body
-        rest: the undeformed nodes in its axes [m], shape (nodes, 2)
-        elements: pairs of node indices from 0; None: a straight beam, drawn as a smooth curve
-        points: those of a rigid body that its joints, loads and sensors name [m], in its axes
-    """
-
-    frame: np.ndarray
-    local: np.ndarray
-    rest: np.ndarray
-    elements: list[tuple[int, int]] | None = None
+    frame: np.ndarray  # x, y, angle of its frame [m, m, rad], shape (rows, 3)
+    local: np.ndarray  # its nodes in its own axes [m], shape (rows, nodes, 2); no nodes on a plain rigid body
+    rest: np.ndarray  # the undeformed nodes in its axes [m], shape (nodes, 2)
+    elements: list[tuple[int, int]] | None = None  # pairs of node indices from 0; None: a straight beam, drawn as a smooth curve
+    # those of a rigid body that its joints, loads and sensors name [m], in its axes
     points: list[np.ndarray] = field(default_factory=list)
 
     def to_global(self, row: int, points: np.ndarray) -> np.ndarray:
@@ -257,11 +250,7 @@ def zigzag(a: np.ndarray, b: np.ndarray, width: float) -> np.ndarray:
 
 
 def from_run(motion: History, exaggerate: float = 1.0) -> Mechanism:
-    """Return the mechanism of a motion file with the assembled scene beside it; the bodies alone where there is no summary.json.
-
-    Raises:
-        HistoryError: the motion has no bodies, or the summary is damaged or of another scene.
-    """
+    """Return the mechanism of a motion with the scene of the summary.json beside it, if any; HistoryError: damaged."""
     mechanism = from_motion(motion, exaggerate)
     if (motion.path.parent / "summary.json").is_file():
         add_scene(mechanism, read_summary(motion.path.parent), motion.path.parent / "summary.json")
@@ -272,16 +261,7 @@ def from_run(motion: History, exaggerate: float = 1.0) -> Mechanism:
 
 
 def add_scene(mechanism: Mechanism, figures: dict, path: Path) -> None:
-    """Add to a mechanism what the assembled scene of a summary says.
-
-    Args:
-        mechanism: the bodies of the motion
-        figures: of the summary
-        path: where they come from, for messages
-
-    Raises:
-        HistoryError: the scene is damaged, or has other bodies.
-    """
+    """Add to a mechanism what the scene of a summary says; HistoryError, with its path: damaged, or other bodies."""
     try:
         _add_items(mechanism, figures["scene"])
     except (AttributeError, KeyError, IndexError, TypeError, ValueError) as fault:
@@ -363,11 +343,7 @@ def to_local(frame: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def add_trace(scene: Mechanism, name: str) -> None:
-    """Let the path of a sensor's marker, of a body's node (BODY.NODE) or of its frame (BODY) be drawn.
-
-    Raises:
-        HistoryError: there is no such marker.
-    """
+    """Let the path of a sensor's marker, a body's node (BODY.NODE) or its frame (BODY) be drawn; HistoryError: none."""
     body, _, node = name.lower().rpartition(".")
     marker = scene.sensors.get(name.lower())
     if marker is None and name.lower() in scene.bodies:

@@ -39,11 +39,7 @@ KINDS = {
 
 
 def positions(path: Path) -> np.ndarray:
-    """Return where frames and nodes are, from the comment of a modes file, in the order of the shapes' columns [m, rad].
-
-    Raises:
-        HistoryError: the file has no such line.
-    """
+    """Return where frames and nodes are in the order of the shapes' columns [m, rad]; HistoryError: no such line."""
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         if line.startswith(POSITIONS):
             words = line[len(POSITIONS) :].split()
@@ -65,11 +61,7 @@ def shapes(table: History) -> tuple[list[str], np.ndarray]:
 
 
 def chosen_rows(table: History, wanted: list[int] | None, most: int = 6) -> list[int]:
-    """Return the rows to draw: of each wanted mode the vibration, or where there is none the undamped mode.
-
-    Raises:
-        HistoryError: a wanted mode is not in the file.
-    """
+    """Return the rows to draw: of each wanted mode the vibration, or where there is none the undamped mode; HistoryError."""
     rows = []
     modes = table["mode"].astype(int)
     kinds = table["kind"].astype(int)
@@ -82,11 +74,7 @@ def chosen_rows(table: History, wanted: list[int] | None, most: int = 6) -> list
 
 
 def moved(table: History, row: int) -> Mechanism:
-    """Return the mechanism at rest (row 0) and at the two extremes of a shape (rows 1 and 2).
-
-    Raises:
-        HistoryError: the file, or the scene of its run, cannot be read.
-    """
+    """Return the mechanism at rest (row 0) and at the two extremes of a shape (rows 1 and 2); HistoryError: it cannot be read."""
     names, shape = shapes(table)
     rest = positions(table.path)
     if len(rest) != len(names):
@@ -244,13 +232,9 @@ def input_of(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Modes:
-    """Modes of a run: undamped ones, vibrations, further poles.
+    """Modes of a run: undamped ones, vibrations, further poles."""
 
-    Attributes:
-        table: of modes.txt: kind, frequency [Hz], damping ratio [-], poles [1/s], [rad/s], shapes
-    """
-
-    table: History
+    table: History  # of modes.txt: kind, frequency [Hz], damping ratio [-], poles [1/s], [rad/s], shapes
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return kind, number, frequency [Hz], damping ratio and pole of each mode."""

@@ -27,11 +27,7 @@ REUSED = 16_000_000  # bytes: the C library keeps freed memory of twice the larg
 
 
 def numbers(words: np.ndarray) -> np.ndarray:
-    """Return the numbers of words, to an ulp or two; nan where a word has another form, or is no number.
-
-    Args:
-        words: array of the type S24 or wider, any shape
-    """
+    """Return the numbers of words of the type S24 or wider, to an ulp or two; nan where one has another form, or is no number."""
     spare = words.dtype.itemsize - WIDTH
     letters = np.ascontiguousarray(words).view(np.uint8).reshape(-1, words.dtype.itemsize)
     found = np.empty(len(letters))
@@ -72,13 +68,7 @@ def _eight(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_rows(path: Path, first: int, width: int) -> np.ndarray | None:
-    """Return the numbers of a file in columns, shape (rows, width); None where the solver has not written it as it does.
-
-    Args:
-        path: the file
-        first: byte at which its rows begin
-        width: numbers of a row
-    """
+    """Return the rows of so many numbers from a byte of a file on; None where the solver has not written them as it does."""
     with path.open("rb") as file:
         file.seek(first)
         line = len(file.readline())

@@ -84,15 +84,7 @@ def history(found: Optimum) -> plt.Figure:
 
 
 def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: str) -> plt.Figure:
-    """Draw by how much each result changes where each parameter changes by its spread, with errors, the largest on top.
-
-    Args:
-        study: of the results
-        space: of its designs
-        rows: of the table of sensitivities
-        units: of the results
-        at: what design it is
-    """
+    """Draw by how much each result changes where each parameter changes by its spread, with errors, the largest on top."""
     free, unit_of = len(space.free), {one.name: one.unit for one in space.free}
     wide = min(len(study.scalars), 2)
     tall = -(-len(study.scalars) // wide)

@@ -25,45 +25,28 @@ ACTIVE = 1.0e-4  # distance from a limit at which it holds the optimum back, of 
 
 @dataclass
 class Optimum:
-    """What a search ends with.
+    """What a search ends with."""
 
-    Attributes:
-        study: that was searched
-        space: of its designs
-        goal: what is best
-        best: the best design, None where no run came to its end
-        position: of the best design in the unit cube
-        choice: of the lists
-        searches: in their order
-        slopes: at the optimum, None without free parameters or runs
-        errors: of the optimum's values
-        prices: change of the objective by each limit's bound, of those that hold it back, by name of the column
-        residual: part of the objective's slope that no limit explains, and what the slopes' errors explain of it
-        notes: what a user should know
-        made: designs in the order in which they were asked for, without those that only measure errors
-        units: of the results
-        runs: that were asked for, those that measure errors included
-        folder: of what was stored and of the tables
-        warnings: on what was stored
-    """
-
-    study: Study
-    space: Space
-    goal: Goal
-    best: Design | None = None
-    position: np.ndarray = field(default_factory=lambda: np.empty(0))
-    choice: tuple = ()
-    searches: list[Search] = field(default_factory=list)
-    slopes: Derivatives | None = None
-    errors: np.ndarray = field(default_factory=lambda: np.empty(0))
+    study: Study  # that was searched
+    space: Space  # of its designs
+    goal: Goal  # what is best
+    best: Design | None = None  # the best design, None where no run came to its end
+    position: np.ndarray = field(default_factory=lambda: np.empty(0))  # of the best design in the unit cube
+    choice: tuple = ()  # of the lists
+    searches: list[Search] = field(default_factory=list)  # in their order
+    slopes: Derivatives | None = None  # at the optimum, None without free parameters or runs
+    errors: np.ndarray = field(default_factory=lambda: np.empty(0))  # of the optimum's values
+    # change of the objective by each limit's bound, of those that hold it back, by name of the column
     prices: dict[str, float] = field(default_factory=dict)
+    # part of the objective's slope that no limit explains, and what the slopes' errors explain of it
     residual: tuple[float, float] = (0.0, 0.0)
-    notes: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # what a user should know
+    # designs in the order in which they were asked for, without those that only measure errors
     made: list[Design] = field(default_factory=list)
-    units: list[str] = field(default_factory=list)
-    runs: int = 0
-    folder: Path = Path()
-    warnings: list[str] = field(default_factory=list)
+    units: list[str] = field(default_factory=list)  # of the results
+    runs: int = 0  # that were asked for, those that measure errors included
+    folder: Path = Path()  # of what was stored and of the tables
+    warnings: list[str] = field(default_factory=list)  # on what was stored
 
     @property
     def names(self) -> list[str]:

@@ -36,11 +36,7 @@ def lay_out(figure: plt.Figure) -> None:
 
 
 def save(figure: plt.Figure, path: Path, part: str = "") -> Path:
-    """Write a figure and return the path of the picture; the folder is made where it is missing.
-
-    Raises:
-        HistoryError: it cannot be written.
-    """
+    """Write a figure and return the path of the picture; its folder is made where it is missing; HistoryError."""
     picture = picture_path(path, part)
     try:
         picture.parent.mkdir(parents=True, exist_ok=True)

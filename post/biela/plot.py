@@ -112,18 +112,10 @@ def panels(runs: list[History], names: list[str]) -> list[list[str]]:
 def draw(
     runs: list[History], labels: list[str], names: list[str], against: str | None = None, title: str = "", styled: bool = False
 ) -> plt.Figure:
-    """Return a figure of the named columns of all runs.
+    """Return a figure of columns of runs, which all have them, against one (time); HistoryError where a column is missing in a run.
 
-    Args:
-        runs: histories of one kind, which all have the columns
-        labels: what the legend calls the runs
-        names: columns
-        against: the column of the horizontal axis (the first one, time); what has its unit is drawn to the same scale
-        title: written above, where given
-        styled: the line style tells the run and the colour the column, in place of the other way round
-
-    Raises:
-        HistoryError: a column is missing in a run.
+    What has the unit of `against` is drawn to its scale. Styled: the line style tells the run and the colour the column, in place
+    of the other way round.
     """
     abscissa = against or runs[0].names[0]
     groups = panels(runs, names)
@@ -163,14 +155,7 @@ def mark_beyond(axis: plt.Axes, along: np.ndarray, values: np.ndarray, colour: s
 
 
 def stacked(figure: plt.Figure, count: int, columns: int, heights: tuple[int, ...] = (1,)) -> list[plt.Axes]:
-    """Return axes one above another in columns that they fill: in a column that has one less they are higher.
-
-    Args:
-        figure: without axes
-        count: of axes, or of groups of axes
-        columns: of the figure
-        heights: of the axes of a group, to each other
-    """
+    """Return axes, or groups of axes of these heights, in columns that they fill: in a column that has one less they are higher."""
     axes: list[plt.Axes] = []
     for k, part in enumerate(np.ravel(figure.subfigures(1, columns))):
         own = (count + columns - 1 - k) // columns
@@ -222,12 +207,7 @@ def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[s
 
 
 def thinned(along: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows that a picture can show: of a long column its ends, least and largest of many parts.
-
-    Args:
-        along: the horizontal axis; where it turns back, as a path does, all rows are returned
-        values: as many
-    """
+    """Return the rows that a picture can show: of a long column its ends, least and largest of many parts; of a path all."""
     part = values.size // THINNED
     if part < 8 or np.any(along[1:] < along[:-1]):
         return along, values
@@ -254,8 +234,7 @@ def _log_scales(axis: plt.Axes, runs: list[History], group: list[str], abscissa:
 def usual_columns(run: History) -> list[str]:
     """Return what is drawn where no columns are named: sensors of an equilibrium, amplitudes and phases of a response, else all.
 
-    Raises:
-        HistoryError: the rows are modes, which no line should join.
+    HistoryError: the rows are modes, which no line should join.
     """
     names = [name for name in run.match(None) if run.size(name) > 0.0] or run.match(None)
     if run.path.name == RESULT_FILES["modes"]:
@@ -287,11 +266,7 @@ def moving(runs: list[History], names: list[str]) -> list[str]:
 
 
 def chosen_columns(runs: list[History], patterns: list[str] | None, against: str | None) -> tuple[list[str], list[str]]:
-    """Return the columns that are drawn, and those that are not: zero throughout, rounding, or constant in every run.
-
-    Raises:
-        HistoryError: a pattern selects nothing in a run, or a column is not in every run.
-    """
+    """Return what is drawn, and what is not: zero, rounding, or constant in every run; HistoryError: no such column."""
     found = [run.match(patterns) if patterns else usual_columns(run) for run in runs]
     names = [name for name in dict.fromkeys(name for mine in found for name in mine) if name != against]
     for run in runs:

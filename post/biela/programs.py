@@ -52,21 +52,13 @@ class Parser(argparse.ArgumentParser):
 
 @dataclass(frozen=True)
 class Program:
-    """A program of post/.
+    """A program of post/."""
 
-    Attributes:
-        name: by which it is called
-        text: what --help says before the options
-        options: adds them to a parser
-        work: MODULE.FUNCTION of this package, which takes what was parsed and returns the exit status
-        failed: status after a fault
-    """
-
-    name: str
-    text: str
-    options: Callable[[Parser], None]
-    work: str
-    failed: int
+    name: str  # by which it is called
+    text: str  # what --help says before the options
+    options: Callable[[Parser], None]  # adds them to a parser
+    work: str  # MODULE.FUNCTION of this package, which takes what was parsed and returns the exit status
+    failed: int  # status after a fault
 
     def main(self, words: list[str] | None = None) -> int:
         """Do what a command line asks for and return the exit status."""

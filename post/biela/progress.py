@@ -11,11 +11,7 @@ WIDTH = 118  # letters of the line
 
 
 class Progress:
-    """The line, which each call writes anew.
-
-    Attributes:
-        shown: whether it is written
-    """
+    """The line, which each call writes anew."""
 
     def __init__(self, shown: bool) -> None:
         self.shown = shown and sys.stderr.isatty()

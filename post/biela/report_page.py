@@ -80,21 +80,13 @@ class Section:
 
 @dataclass
 class Run:
-    """A results folder: its figures, its words, and the files that it has.
+    """A results folder: its figures, its words, and the files that it has."""
 
-    Attributes:
-        folder: where it is
-        figures: of summary.json
-        label: what tells it from the other run
-        start: rows before this time do not count among the largest values [s]
-        end: rows after this time do not count among them [s]
-    """
-
-    folder: Path
-    figures: dict
-    label: str
-    start: float = -math.inf
-    end: float = math.inf
+    folder: Path  # where it is
+    figures: dict  # of summary.json
+    label: str  # what tells it from the other run
+    start: float = -math.inf  # rows before this time do not count among the largest values [s]
+    end: float = math.inf  # rows after this time do not count among them [s]
 
     @property
     def ok(self) -> bool:
@@ -424,15 +416,10 @@ def page(runs: list[Run], title: str, study: Path | None = None) -> str:
 
 @dataclass(frozen=True)
 class Report:
-    """A page about a run, or about two.
+    """A page about a run, or about two."""
 
-    Attributes:
-        html: the page
-        findings: what a designer asks, in words, of each run by its label
-    """
-
-    html: str
-    findings: dict[str, dict[str, str]]
+    html: str  # the page
+    findings: dict[str, dict[str, str]]  # what a designer asks, in words, of each run by its label
 
     def save(self, path: str | Path) -> Path:
         """Write the page; HistoryError where it cannot be written."""
@@ -461,13 +448,8 @@ def report(
 ) -> Report:  # fmt: skip
     """Return the page about one or two results folders; HistoryError where they are damaged, or more.
 
-    Args:
-        folders: of the runs
-        labels: what they are called: their folders' names
-        title: headline: those of the decks
-        study: folder of a trade-off: that of the deck beside the results
-        start: rows before this time do not count among the largest values [s]
-        end: rows after this time do not count among them [s]
+    Labels are the names of the folders, the title those of the decks, `study` the folder of a trade-off (beside the results). Rows
+    before start and after end do not count among the largest values [s].
     """
     if len(folders) > 2:
         raise HistoryError(f"{len(folders)} runs: one, or two to compare, expected")

@@ -27,11 +27,7 @@ class HistoryError(BielaError):
 
 
 def note(*paths: Path) -> None:
-    """Note files that show the results beside them, or in the folder `vtk` there, in `.drawn`: the next run removes them.
-
-    Raises:
-        OSError: the note cannot be written.
-    """
+    """Note files that show results, beside them or in the folder `vtk` there, in `.drawn`: the next run removes them; OSError."""
     folder = paths[0].parent.parent if paths[0].parent.name == INNER else paths[0].parent
     if not any((folder / name).is_file() for name in ("summary.json", "journal.jsonl")):
         return

@@ -28,11 +28,7 @@ class FailedDesignError(BielaError):
 
 
 def design_of(study: Study, deck: Deck, space: Space, options: StudyOptions) -> tuple[np.ndarray, tuple]:
-    """Return position (unit cube) and choice of the design at which derivatives are taken: of --at, of the study, of the deck.
-
-    Raises:
-        HistoryError: --at names no parameter, or no value that it may have.
-    """
+    """Return position (unit cube) and choice of the design of --at, of the study, of the deck; HistoryError."""
     asked = {}
     for word in options.at:
         name, equals, value = word.partition("=")
@@ -82,29 +78,17 @@ def lines_of(study: Study, space: Space, rows: list[list], units: list[str]) -> 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Derivatives of a study's results at one design.
+    """Derivatives of a study's results at one design."""
 
-    Attributes:
-        study: of the results
-        space: of its designs
-        base: the design
-        errors: of its values, as its run measures them
-        rows: of the table, whose head is derivatives.HEADER: each result's largest change first
-        units: of the results
-        runs: that were asked for
-        folder: of table.csv and of what was stored
-        warnings: on what was stored
-    """
-
-    study: Study
-    space: Space
-    base: Design
-    errors: np.ndarray
-    rows: list[list]
-    units: list[str]
-    runs: int
-    folder: Path
-    warnings: list[str]
+    study: Study  # of the results
+    space: Space  # of its designs
+    base: Design  # the design
+    errors: np.ndarray  # of its values, as its run measures them
+    rows: list[list]  # of the table, whose head is derivatives.HEADER: each result's largest change first
+    units: list[str]  # of the results
+    runs: int  # that were asked for
+    folder: Path  # of table.csv and of what was stored
+    warnings: list[str]  # on what was stored
 
     @property
     def report(self) -> list[str]:

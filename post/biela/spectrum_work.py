@@ -126,25 +126,16 @@ class Line:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """What frequencies, or orders of a drive, columns hold.
+    """What frequencies, or orders of a drive, columns hold."""
 
-    Attributes:
-        abscissa: 'frequency' or 'order of COLUMN'
-        unit: of it: 'Hz' or 'per turn'
-        units: of each column
-        amplitudes: frequencies and amplitudes (Hann window, trend removed) of each column
-        densities: frequencies and power spectral density (Welch) of each column; none of whole turns
-        lines: of all columns
-        reference: of levels in dB [unit of the columns]; 0: amplitudes
-    """
-
-    abscissa: str
-    unit: str
-    units: dict[str, str]
-    amplitudes: dict[str, tuple[np.ndarray, np.ndarray]]
+    abscissa: str  # 'frequency' or 'order of COLUMN'
+    unit: str  # of it: 'Hz' or 'per turn'
+    units: dict[str, str]  # of each column
+    amplitudes: dict[str, tuple[np.ndarray, np.ndarray]]  # frequencies and amplitudes (Hann window, trend removed) of each column
+    # frequencies and power spectral density (Welch) of each column; none of whole turns
     densities: dict[str, tuple[np.ndarray, np.ndarray]]
-    lines: list[Line]
-    reference: float = 0.0
+    lines: list[Line]  # of all columns
+    reference: float = 0.0  # of levels in dB [unit of the columns]; 0: amplitudes
 
     def place(self, line: Line, digits: int = 5) -> str:
         """Return where a line stands, with its error."""
@@ -184,18 +175,10 @@ def spectrum(
     turns: tuple[int, int] | None = None,
     reference: float = 0.0,
 ) -> Spectrum:
-    """Take the spectra of columns.
+    """Take the spectra of columns, wildcards allowed, the most lines of each; HistoryError: no such column, or too few rows.
 
-    Args:
-        run: the history
-        columns: names, wildcards allowed
-        orders: column of a drive's angle, of whose rotation orders are taken [rad]
-        most: lines of a column
-        turns: first and last whole turn of that drive that count, 1 the first, -1 the last; orders are exact then
-        reference: of levels in dB [unit of the columns]
-
-    Raises:
-        HistoryError: there is no such column, too few rows, or the drive does not turn one way.
+    Orders are those of a drive's angle [rad], which turns one way; exact over `turns`, the first and last whole turn that count (1
+    the first, -1 the last). A reference gives levels in dB [unit of the columns].
     """
     if turns and not orders:
         raise HistoryError("turns are those of the drive whose orders are taken: orders = 'COLUMN' expected")

@@ -23,19 +23,13 @@ BATCH = 50
 
 
 class Journal:
-    """The finished runs of a sweep, one line of JSON each; a sweep that was interrupted reads them and continues.
-
-    Attributes:
-        path: the file
-        done: what each run gave, by its key: the fields of a `Row`
-        damaged: numbers of lines that cannot be read, as an interruption leaves them: their runs are made again
-    """
+    """The finished runs of a sweep, one line of JSON each; a sweep that was interrupted reads them and continues."""
 
     def __init__(self, path: Path, results: int) -> None:
         """Read the journal of a study with that many results."""
         self.path = path
-        self.done: dict[str, dict] = {}
-        self.damaged: list[int] = []
+        self.done: dict[str, dict] = {}  # what each run gave, by its key: the fields of a `Row`
+        self.damaged: list[int] = []  # lines that cannot be read, as an interruption leaves them: their runs are made again
         text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
         for number, line in enumerate(text.split("\n"), 1):
             entry = _entry(line, results)
@@ -163,16 +157,7 @@ def begin_kept(folder: Path, found: list[str], keep: bool) -> None:
 
 
 class StudyRuns:
-    """Makes runs of a study and of what searches ask of it.
-
-    Attributes:
-        study: what is varied and measured
-        deck: that is varied
-        options: of the runs
-        folder: of the journal, and of decks and results that stay
-        journal: of the runs
-        progress: on the terminal
-    """
+    """Makes runs of a study and of what searches ask of it."""
 
     def __init__(self, study: Study, deck: Deck, options: StudyOptions, folder: Path) -> None:
         self.study, self.deck, self.options, self.folder = study, deck, options, folder
@@ -199,15 +184,7 @@ class StudyRuns:
         return self.run_all(study, [settings_of(study, point) for point in study.points])
 
     def run_all(self, study: Study, runs: list[tuple[str, ...]]) -> list[dict]:
-        """Make runs that the journal does not have, and return what it has of all.
-
-        Args:
-            study: of what is measured
-            runs: NAME=VALUE of each
-
-        Raises:
-            HistoryError: Ctrl-C, where the finished ones stay in the journal; the solver or the journal cannot be used.
-        """
+        """Make runs (NAME=VALUE of each) that the journal lacks; return all; HistoryError: Ctrl-C, solver or journal fail."""
         try:
             return self._run_all(study, runs)
         except OSError as fault:

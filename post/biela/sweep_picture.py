@@ -21,16 +21,7 @@ OUTLINED = [patheffects.withStroke(linewidth=2.5, foreground="white", alpha=0.85
 def draw(
     study: Study, header: list[str], rows: list[list], folder: Path, best: list | None = None, limits: list | tuple = ()
 ) -> list[Path]:
-    """Draw every result of the table against the parameters that vary; returns the pictures' paths (PNG).
-
-    Args:
-        study: what was run
-        header: of the table
-        rows: of the table
-        folder: where the pictures go
-        best: the row that is marked
-        limits: (column, value) of conditions, which a map shows as lines
-    """
+    """Draw every result over what varies, the best row marked, limits (column, value) as lines; return the paths."""
     free = [k for k, parameter in enumerate(study.parameters) if len({row[k] for row in rows}) > 1]
     results = range(len(study.parameters), len(header) - 1)
     good = [row for row in rows if not row[-1]]
@@ -103,13 +94,7 @@ def draw_distributions(study: Study, header: list[str], rows: list[list], quanti
 
 
 def draw_identified(study: Study, best: Design, units: list[str]) -> plt.Figure:
-    """Return a figure of what was measured and of the model (of a response the amplitude), and of their differences.
-
-    Args:
-        study: of the results
-        best: the design
-        units: of the results
-    """
+    """Return a figure of what was measured and of the model (of a response the amplitude), and of their differences."""
     misfits = [(one, unit) for one, unit in zip(study.scalars, units) if one.measure == "misfit"]
     with plt.rc_context(LOOK):
         figure, axes = plt.subplots(2 * len(misfits), 1, figsize=(8.0, 0.8 + 4.0 * len(misfits)), squeeze=False, sharex="col",

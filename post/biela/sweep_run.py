@@ -27,64 +27,36 @@ from .sweep_study import Study
 
 @dataclass(frozen=True)
 class Batch:
-    """What a worker gets.
+    """What a worker gets."""
 
-    Attributes:
-        biela: path of the solver
-        deck: path of the base deck
-        runs: NAME=VALUE of each run, by its number
-        scalars: what is measured
-        keep: folder in which decks and results stay, None: they are deleted
-        extremes: whether the rows list the extremes of columns
-        check: each run measures its own error, which costs three times as much
-        measured: measures a run in place of scalars
-        longest: seconds after which a run is stopped [s]
-        follow: the cycle of each run starts from that of the one before
-    """
-
-    biela: str
-    deck: str
-    runs: dict[int, tuple[str, ...]]
-    scalars: tuple[Scalar, ...]
-    keep: str | None
-    extremes: bool = False
-    check: bool = False
-    measured: object = None
-    longest: float = math.inf
-    follow: bool = False
+    biela: str  # path of the solver
+    deck: str  # path of the base deck
+    runs: dict[int, tuple[str, ...]]  # NAME=VALUE of each run, by its number
+    scalars: tuple[Scalar, ...]  # what is measured
+    keep: str | None  # folder in which decks and results stay, None: they are deleted
+    extremes: bool = False  # whether the rows list the extremes of columns
+    check: bool = False  # each run measures its own error, which costs three times as much
+    measured: object = None  # measures a run in place of scalars
+    longest: float = math.inf  # seconds after which a run is stopped [s]
+    follow: bool = False  # the cycle of each run starts from that of the one before
 
 
 @dataclass(frozen=True)
 class Row:
-    """What a run gave.
+    """What a run gave."""
 
-    Attributes:
-        number: of the run in the study
-        values: of the scalars, empty where the run failed
-        units: of them
-        reason: why it failed, '' where it did not
-        extremes: of the scalars that are one of several, where they were asked for
-        errors: of the values, where they were measured
-        differences: from what was measured, of each misfit, where extremes were asked for
-    """
-
-    number: int
-    values: list[float]
-    units: list[str]
-    reason: str
-    extremes: list = field(default_factory=list)
-    errors: list[float] = field(default_factory=list)
+    number: int  # of the run in the study
+    values: list[float]  # of the scalars, empty where the run failed
+    units: list[str]  # of them
+    reason: str  # why it failed, '' where it did not
+    extremes: list = field(default_factory=list)  # of the scalars that are one of several, where they were asked for
+    errors: list[float] = field(default_factory=list)  # of the values, where they were measured
+    # from what was measured, of each misfit, where extremes were asked for
     differences: list[list[float]] = field(default_factory=list)
 
 
 def common_settings(study: Study, deck: Deck, only_used: bool) -> tuple[str, ...]:
-    """Return NAME=VALUE of all runs of a study: an error check where that is wanted, nothing written that is not used.
-
-    Args:
-        study: what is varied and measured
-        deck: its deck
-        only_used: no motion files, no sensors that neither a scalar nor the deck itself uses
-    """
+    """Return NAME=VALUE of all runs: an error check where it is wanted, and no motion files or sensors that nothing needs."""
     found = [f"{where_of(group)}check_error=.true." for group in deck.all("transient") if study.check]
     if not only_used or any(scalar.mode or scalar.file not in ("history", "energy") for scalar in study.scalars):
         return tuple(found)

@@ -34,65 +34,42 @@ OF_COLUMN = {"peak": 1.0, "min": 1.0, "max": 1.0, "mean": 1.0, "final": 1.0, "va
 
 @dataclass(frozen=True)
 class Scalar:
-    """A number that is measured of each run.
+    """A number that is measured of each run."""
 
-    Attributes:
-        name: column of the table
-        measure: peak (largest size), rms, range, min, max, mean, final, value (interpolated at `at`), decay_rate (of the peaks'
-            envelope [1/s]), settling_time (after which it stays near its `target` [s], NaN where it does not), spectral_peak
-            (frequency of the largest amplitude [Hz]), order (amplitude of that order of `period`), damage (by rainflow counts),
-            misfit (rms difference from what was `measured`), mass (of the body that `column` names, of all bodies without it
-            [kg]), frequency [Hz] or damping_ratio of the vibration `mode`, or summary (a figure of summary.json named by `key`).
-            An extreme is that of a polynomial through seven rows where these show a smooth crest, else that of the rows: at
-            corners and jumps nothing exceeds what the run wrote.
-        column: of the file; of a response that was measured the sensor's, without .amplitude and .phase
-        file: history, energy, static, modes or frequency_response
-        at: time, load or frequency of `value`
-        target: of `settling_time` [unit of the column]; None: the last value
-        band: of `settling_time`, on either side of the target, in parts of the column's range [-]
-        within: in place of `band` [unit of the column]
-        start: rows before this time do not count [s]
-        end: rows after this time do not count [s]
-        period: whole ones count: its length [s], or the name of a column of the file that holds an angle [rad], a turn of which
-            is one; 0: all rows count
-        periods: how many, the last ones; 0: all that the rows hold
-        order: of `order`: how often it vibrates in a period; without a period all rows are one
-        reference: of `rms` and `order`: the number is the level of the rms value in dB, 20 lg(rms/reference) [unit of the column]
-        strength: of `damage`: amplitude that the material bears `cycles` times [unit of the column]
-        cycles: of `strength`
-        slope: of the line of `strength`: the cycles borne fall with this power of the amplitude
-        ultimate: of `damage`: amplitudes are divided by 1 - mean/ultimate (Goodman) [unit of the column]; inf: means do not count
-        measured: times or frequencies and values, of a response real and imaginary parts
-        error: standard error of what was measured [unit of the column]; 0: not known
-        key: of `summary`, parts separated by dots
-        stated_unit: of `summary`, whose figures have none
-        mode: number of a vibration, 1 the lowest: among the damped ones where there are such
-        shape: of that vibration in the study's deck, real and imaginary parts of displacements in turn [m]; it is followed
-    """
-
-    name: str
+    name: str  # column of the table
+    # peak (largest size), rms, range, min, max, mean, final, value (interpolated at `at`), decay_rate (of the peaks' envelope
+    # [1/s]), settling_time (after which it stays near its `target` [s], NaN where it does not), spectral_peak (frequency of the
+    # largest amplitude [Hz]), order (amplitude of that order of `period`), damage (by rainflow counts), misfit (rms difference from
+    # what was `measured`), mass (of the body that `column` names, of all bodies without it [kg]), frequency [Hz] or damping_ratio
+    # of the vibration `mode`, or summary (a figure of summary.json named by `key`). An extreme is that of a polynomial through
+    # seven rows where these show a smooth crest, else that of the rows: at corners and jumps nothing exceeds what the run wrote.
     measure: str
-    column: str = ""
-    file: str = "history"
-    at: float = 0.0
-    target: float | None = None
-    band: float = 0.02
-    within: float = 0.0
-    start: float = -np.inf
-    end: float = np.inf
+    column: str = ""  # of the file; of a response that was measured the sensor's, without .amplitude and .phase
+    file: str = "history"  # history, energy, static, modes or frequency_response
+    at: float = 0.0  # time, load or frequency of `value`
+    target: float | None = None  # of `settling_time` [unit of the column]; None: the last value
+    band: float = 0.02  # of `settling_time`, on either side of the target, in parts of the column's range [-]
+    within: float = 0.0  # in place of `band` [unit of the column]
+    start: float = -np.inf  # rows before this time do not count [s]
+    end: float = np.inf  # rows after this time do not count [s]
+    # whole ones count: its length [s], or the name of a column of the file that holds an angle [rad], a turn of which is one; 0:
+    # all rows count
     period: float | str = 0.0
-    periods: int = 0
-    order: float = 0.0
+    periods: int = 0  # how many, the last ones; 0: all that the rows hold
+    order: float = 0.0  # of `order`: how often it vibrates in a period; without a period all rows are one
+    # of `rms` and `order`: the number is the level of the rms value in dB, 20 lg(rms/reference) [unit of the column]
     reference: float = 0.0
-    strength: float = 0.0
-    cycles: float = 2.0e6
-    slope: float = 0.0
+    strength: float = 0.0  # of `damage`: amplitude that the material bears `cycles` times [unit of the column]
+    cycles: float = 2.0e6  # of `strength`
+    slope: float = 0.0  # of the line of `strength`: the cycles borne fall with this power of the amplitude
+    # of `damage`: amplitudes are divided by 1 - mean/ultimate (Goodman) [unit of the column]; inf: means do not count
     ultimate: float = np.inf
-    measured: tuple[tuple[float, ...], ...] = ()
-    error: float = 0.0
-    key: str = ""
-    stated_unit: str = ""
-    mode: int = 0
+    measured: tuple[tuple[float, ...], ...] = ()  # times or frequencies and values, of a response real and imaginary parts
+    error: float = 0.0  # standard error of what was measured [unit of the column]; 0: not known
+    key: str = ""  # of `summary`, parts separated by dots
+    stated_unit: str = ""  # of `summary`, whose figures have none
+    mode: int = 0  # number of a vibration, 1 the lowest: among the damped ones where there are such
+    # of that vibration in the study's deck, real and imaginary parts of displacements in turn [m]; it is followed
     shape: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -160,16 +137,7 @@ class Scalar:
         return named.get(self.measure, of_column)
 
     def rows(self, axis: np.ndarray, values: np.ndarray, angle: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return axis and column of what counts.
-
-        Args:
-            axis: the file's first column, ascending
-            values: the column
-            angle: the column that `period` names [rad]
-
-        Raises:
-            ValueError: it does not hold as many periods.
-        """
+        """Return axis and column of the rows that count; angle: of `period` [rad]; ValueError: too few periods."""
         inside = (axis >= self.start) & (axis <= self.end)
         axis, values = axis[inside], values[inside]
         if not self.period or not values.size:
@@ -179,16 +147,7 @@ class Scalar:
         return np.append(first, axis[later]), np.append(interpolated(axis, values, first), values[later])
 
     def of(self, axis: np.ndarray, values: np.ndarray, angle: np.ndarray | None = None) -> float:
-        """Return the number of a column; NaN where the column has none.
-
-        Args:
-            axis: the file's first column, ascending
-            values: the column
-            angle: the column that `period` names [rad]
-
-        Raises:
-            ValueError: it holds no whole period, or not all that was measured.
-        """
+        """Return the number of a column, NaN where it has none; ValueError: no whole period, or not all that was measured."""
         if self.measure == "misfit":
             return float(np.sqrt(np.mean(np.square(self.differences(axis, values)))))
         all_rows = axis
@@ -223,11 +182,7 @@ class Scalar:
         return float(20.0 * np.log10(size / of_rms / self.reference) if size > 0.0 else -np.inf) if self.reference else float(size)
 
     def differences(self, axis: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Return a column, by a cubic spline through its rows, less what was measured; of a response both parts, one by one.
-
-        Raises:
-            ValueError: the rows do not reach as far.
-        """
+        """Return a column, by a cubic spline, less what was measured, of a response both parts; ValueError: too short."""
         at, *parts = map(np.array, self.measured)
         inside = (at >= self.start) & (at <= self.end)
         at = at[inside]
@@ -240,15 +195,7 @@ class Scalar:
         return np.concatenate([one - part[inside] for one, part in zip(own, parts)])
 
     def extremes(self, axis: np.ndarray, values: np.ndarray, angle: np.ndarray | None = None) -> list[tuple[float, float]]:
-        """Return position and value of the extremes of a column from which its number is taken, the deciding one first.
-
-        Each of them follows the parameters of a model smoothly, their largest does not.
-
-        Args:
-            axis: the file's first column, ascending
-            values: the column
-            angle: the column that `period` names [rad]
-        """
+        """Return position and value of the extremes from which the number is taken, the deciding one first: each is smooth."""
         axis, values = self.rows(axis, values, angle)
         if self.measure == "peak":
             return sorted(maxima(axis, values) + maxima(axis, -values), key=lambda one: -one[1])[:EXTREMES]
@@ -256,12 +203,7 @@ class Scalar:
 
 
 def maxima(axis: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
-    """Return position and value of the largest local maxima of a column, ends included, the largest first.
-
-    Args:
-        axis: ascending
-        values: at each position
-    """
+    """Return position and value of the largest local maxima of a column over its axis, ends included, the largest first."""
     inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])) + 1
     ends = [k for k, next_to in ((0, 1), (-1, -2)) if values.size < 2 or values[k] >= values[next_to]]
     rows = np.concatenate([inner, np.arange(values.size)[ends]]).astype(int)
@@ -322,16 +264,7 @@ def interpolated(axis: np.ndarray, values: np.ndarray, at: float) -> float:
 
 
 def first_of_whole(turns: np.ndarray, axis: np.ndarray, count: int) -> float:
-    """Return where as many whole periods begin as end with the last row.
-
-    Args:
-        turns: periods at each position, ascending or descending throughout
-        axis: positions
-        count: how many; 0: all that there are
-
-    Raises:
-        ValueError: there are fewer, or what turns goes back.
-    """
+    """Return where as many whole periods (0: all) begin as end with the last row; ValueError: fewer, or turns go back."""
     there = int(abs(turns[-1] - turns[0]) * (1.0 + EDGE) + EDGE)
     if there < max(count, 1):
         raise ValueError(f"{there} whole periods, {max(count, 1)} or more expected")
@@ -342,12 +275,7 @@ def first_of_whole(turns: np.ndarray, axis: np.ndarray, count: int) -> float:
 
 
 def orders(turned: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return orders and their amplitudes over whole turns, from the first row to the last: no window, no trend removed.
-
-    Args:
-        turned: turns at each row, ascending or descending
-        values: of a column
-    """
+    """Return orders and their amplitudes over whole turns, from the first row to the last: no window, no trend removed."""
     from scipy.interpolate import make_interp_spline
 
     along = np.abs(turned - turned[0])
@@ -396,15 +324,11 @@ def spectral_peak(time: np.ndarray, values: np.ndarray) -> float:
 
 
 def spectral_line(size: np.ndarray, k: int) -> tuple[float, float, float]:
-    """Return where a line stands beside a peak of a spectrum, how surely, both in steps of its frequencies, and its amplitude.
+    """Return the place of a line beside the peak k of a spectrum by a Hann window, its error, both in its steps, and its amplitude.
 
-    The Hann window's shape gives the place from the peak and either of its neighbours (Grandke, IEEE Trans. Instrum. Meas. 32,
-    1983). Both agree where one steady line is there; where it decays, or another one is near, they differ: twice that is the
-    error, which holds for 19 of 20 lines that stand two steps or more apart.
-
-    Args:
-        size: amplitudes by a periodic Hann window
-        k: of the largest of them nearby
+    The window's shape gives the place from the peak and either of its neighbours (Grandke, IEEE Trans. Instrum. Meas. 32, 1983).
+    Both agree where one steady line is there; where it decays, or another one is near, they differ: twice that is the error, which
+    holds for 19 of 20 lines that stand two steps or more apart.
     """
     if not 0 < k < size.size - 1:
         return float(k), 0.5, float(size[k])
@@ -416,21 +340,14 @@ def spectral_line(size: np.ndarray, k: int) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Measured:
-    """The numbers of a run.
+    """The numbers of a run."""
 
-    Attributes:
-        values: of the scalars
-        units: of them
-        extremes: position and value of the extremes from which each is taken, where it is one of several
-        errors: of the values, as the run's own `check_error` and the digits of its files tell, where that was asked for
-        differences: from what was measured, of each misfit, where the extremes were asked for
-    """
-
-    values: list[float]
-    units: list[str]
+    values: list[float]  # of the scalars
+    units: list[str]  # of them
+    # position and value of the extremes from which each is taken, where it is one of several
     extremes: list[list[tuple[float, float]]]
-    errors: list[float]
-    differences: list[list[float]]
+    errors: list[float]  # of the values, as the run's own `check_error` and the digits of its files tell, where that was asked for
+    differences: list[list[float]]  # from what was measured, of each misfit, where the extremes were asked for
 
 
 def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, errors: bool = False) -> Measured:

@@ -53,31 +53,19 @@ class StudyError(BielaError):
 
 @dataclass(frozen=True)
 class Parameter:
-    """A quantity that is varied.
+    """A quantity that is varied."""
 
-    Attributes:
-        name: column of the table; of the deck's parameter where there are no targets
-        targets: GROUP/NAME/KEY that get it, in the place of a parameter
-        values: what it takes
-        log: a Latin hypercube samples it by its logarithm
-        unit: as the table and the pictures show it
-        ends: between which it is free, none where it takes its values alone
-        start: where a search begins
-        spread: by how much it may be off
-        catalogue: the deck's parameters of each value, which is the name of a row
-        deviation: standard deviation about its one value, in a random design
-    """
-
-    name: str
-    targets: tuple[str, ...]
-    values: tuple
-    log: bool
-    unit: str = ""
-    ends: tuple[float, float] | None = None
-    start: float | None = None
-    spread: float | None = None
+    name: str  # column of the table; of the deck's parameter where there are no targets
+    targets: tuple[str, ...]  # GROUP/NAME/KEY that get it, in the place of a parameter
+    values: tuple  # what it takes
+    log: bool  # a Latin hypercube samples it by its logarithm
+    unit: str = ""  # as the table and the pictures show it
+    ends: tuple[float, float] | None = None  # between which it is free, none where it takes its values alone
+    start: float | None = None  # where a search begins
+    spread: float | None = None  # by how much it may be off
+    # the deck's parameters of each value, which is the name of a row
     catalogue: dict[str, dict[str, float]] = field(default_factory=dict)
-    deviation: float = 0.0
+    deviation: float = 0.0  # standard deviation about its one value, in a random design
 
     def settings(self, value: object) -> dict[str, object]:
         """Return the deck's parameters that a value means, by name; none where variables get it."""
@@ -98,37 +86,21 @@ class Parameter:
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """How the runs of a study are made, and what is asked of them.
+    """How the runs of a study are made, and what is asked of them."""
 
-    Attributes:
-        study: the file
-        biela: the solver
-        output: folder of the results; None: results/<tool>/<study name>
-        jobs: runs side by side; None: as many as there are cores
-        scheduler: address of a Dask scheduler, in place of this machine's cores
-        keep: all decks and results stay
-        best: 'min NAME' or 'max NAME', '': what the study says
-        where: conditions 'NAME < VALUE' beside those of the study
-        at: 'NAME=VALUE' of parameters at which sensitivities are taken
-        start: rows before do not count for results that do not say `from` themselves [s]
-        end: rows after do not count for results that do not say `to` themselves [s]
-        longest: seconds after which a run is stopped [s]
-        shown: the progress is shown, where standard error is a terminal
-    """
-
-    study: Path
-    biela: Path
-    output: Path | None = None
-    jobs: int | None = None
-    scheduler: str | None = None
-    keep: bool = False
-    best: str = ""
-    where: tuple[str, ...] = ()
-    at: tuple[str, ...] = ()
-    start: float = -math.inf
-    end: float = math.inf
-    longest: float = math.inf
-    shown: bool = False
+    study: Path  # the file
+    biela: Path  # the solver
+    output: Path | None = None  # folder of the results; None: results/<tool>/<study name>
+    jobs: int | None = None  # runs side by side; None: as many as there are cores
+    scheduler: str | None = None  # address of a Dask scheduler, in place of this machine's cores
+    keep: bool = False  # all decks and results stay
+    best: str = ""  # 'min NAME' or 'max NAME', '': what the study says
+    where: tuple[str, ...] = ()  # conditions 'NAME < VALUE' beside those of the study
+    at: tuple[str, ...] = ()  # 'NAME=VALUE' of parameters at which sensitivities are taken
+    start: float = -math.inf  # rows before do not count for results that do not say `from` themselves [s]
+    end: float = math.inf  # rows after do not count for results that do not say `to` themselves [s]
+    longest: float = math.inf  # seconds after which a run is stopped [s]
+    shown: bool = False  # the progress is shown, where standard error is a terminal
 
     @property
     def workers(self) -> int:
@@ -142,39 +114,22 @@ class StudyOptions:
 
 @dataclass(frozen=True)
 class Study:
-    """A study.
+    """A study."""
 
-    Attributes:
-        name: of the file, without its ending
-        deck: path of the base deck
-        parameters: in the order of the file
-        scalars: what is measured of each run
-        points: values of all parameters, one dictionary a run
-        best: 'min NAME' or 'max NAME', '' where the file states none
-        where: conditions 'NAME < VALUE'
-        starts: of a search
-        runs: that a search may make
-        extremes: the runs tell those of columns
-        check: the runs measure their own errors
-        quantiles: of the results, where the points are drawn at random; none where they are not
-        follow: cycles of `&periodic` start from that of the last value of the last parameter
-        measured: a record that measures a run in place of scalars: `of(folder)`, and the `names` of what it gives
-    """
-
-    name: str
-    deck: Path
-    parameters: tuple[Parameter, ...]
-    scalars: tuple[Scalar, ...]
-    points: tuple[dict, ...]
-    best: str = ""
-    where: tuple[str, ...] = ()
-    starts: int = 3
-    runs: int = 1000
-    extremes: bool = False
-    check: bool = False
-    quantiles: tuple[float, ...] = ()
-    follow: bool = False
-    measured: object = None
+    name: str  # of the file, without its ending
+    deck: Path  # path of the base deck
+    parameters: tuple[Parameter, ...]  # in the order of the file
+    scalars: tuple[Scalar, ...]  # what is measured of each run
+    points: tuple[dict, ...]  # values of all parameters, one dictionary a run
+    best: str = ""  # 'min NAME' or 'max NAME', '' where the file states none
+    where: tuple[str, ...] = ()  # conditions 'NAME < VALUE'
+    starts: int = 3  # of a search
+    runs: int = 1000  # that a search may make
+    extremes: bool = False  # the runs tell those of columns
+    check: bool = False  # the runs measure their own errors
+    quantiles: tuple[float, ...] = ()  # of the results, where the points are drawn at random; none where they are not
+    follow: bool = False  # cycles of `&periodic` start from that of the last value of the last parameter
+    measured: object = None  # a record that measures a run in place of scalars: `of(folder)`, and the `names` of what it gives
 
 
 def read(path: Path, design: bool = True) -> Study:

@@ -56,13 +56,7 @@ def write_table(path: Path, header: list[str], rows: list[list]) -> None:
 
 
 def parse_goal(study: Study, goal: str, conditions: list[str]) -> tuple[int, int, list[tuple[int, str, float]]]:
-    """Return sign (1: the smallest is best) and column of a goal, and column, comparison and value of each condition.
-
-    Columns are counted through parameters and results.
-
-    Raises:
-        HistoryError: the words are wrong.
-    """
+    """Return sign (1: the smallest is best) and column of a goal, and column, comparison and value of conditions; HistoryError."""
     names = [one.name for one in (*study.parameters, *study.scalars)]
     words = goal.split()
     if len(words) != 2 or words[0] not in ("min", "max") or words[1] not in names:
@@ -78,11 +72,7 @@ def parse_goal(study: Study, goal: str, conditions: list[str]) -> tuple[int, int
 
 
 def choose(study: Study, rows: list[list], goal: str, conditions: list[str]) -> tuple[list | None, int, list[tuple[int, float]]]:
-    """Return the best run that meets all conditions, how many meet them, and column and limit of each condition.
-
-    Raises:
-        HistoryError: the words are wrong.
-    """
+    """Return the best run that meets all conditions, how many do, and column and limit of each; HistoryError."""
     sign, column, tests = parse_goal(study, goal, conditions)
     good = [row for row in rows if not row[-1]]
     for condition, (k, test, value) in zip(conditions, tests):
@@ -107,15 +97,7 @@ def best(study: Study, rows: list[list], goal: str, conditions: list[str]) -> st
 
 
 def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, Deck]:
-    """Return a study and its deck, which has all its parameters.
-
-    Args:
-        options: of the study
-        design: whether the points of the study's design are wanted
-
-    Raises:
-        BielaError: the study, the deck or the options are wrong.
-    """
+    """Return a study, its design's points where wanted, and its deck; BielaError: these or the options are wrong."""
     if not options.biela.is_file():
         raise HistoryError(f"{options.biela}: no such program: build it with make, or name it with --biela")
     study = read(options.study, design)
@@ -170,21 +152,13 @@ def tell(tool: str, warnings: list[str]) -> None:
 
 @dataclass(frozen=True)
 class Sweep:
-    """The table of a sweep.
+    """The table of a sweep."""
 
-    Attributes:
-        study: that was run
-        folder: of table.csv and of what was stored
-        header: names of parameters and results with their units, and `failure`
-        rows: one a run, in the order of the design; '' for the results of a run that failed
-        warnings: on what was stored
-    """
-
-    study: Study
-    folder: Path
-    header: list[str]
-    rows: list[list]
-    warnings: list[str] = field(default_factory=list)
+    study: Study  # that was run
+    folder: Path  # of table.csv and of what was stored
+    header: list[str]  # names of parameters and results with their units, and `failure`
+    rows: list[list]  # one a run, in the order of the design; '' for the results of a run that failed
+    warnings: list[str] = field(default_factory=list)  # on what was stored
 
     @property
     def quantiles(self) -> list[Quantile]:
@@ -214,11 +188,7 @@ class Sweep:
         return pandas.DataFrame(rows, columns=self.header)
 
     def best(self, goal: str = "", where: tuple[str, ...] = ()) -> dict | None:
-        """Return parameters and results of the best run, 'min NAME' or 'max NAME' (that of the study), None where there is none.
-
-        Raises:
-            HistoryError: the words are wrong.
-        """
+        """Return the best run by name, 'min NAME' or 'max NAME' (that of the study), or None; HistoryError: wrong words."""
         chosen, _, _ = choose(self.study, self.rows, goal or self.study.best, [*self.study.where, *where])
         return None if chosen is None else dict(zip((one.name for one in (*self.study.parameters, *self.study.scalars)), chosen))
 

@@ -27,18 +27,12 @@ class Errors:
     At an event accelerations, friction and reactions jump. At rows where a stop or joint has another state in the run than in the
     truth, between the times that both have for one event, they differ by the jump, however small the error of the time is: these
     rows are left out. The part of the time during which states differ is an error of its own, that of the events.
-
-    Attributes:
-        truth: folder of its results
-        columns: that are compared
-        scales: what the error of each is divided by
-        digest: of its history and events
     """
 
-    truth: str
-    columns: tuple[str, ...]
-    scales: tuple[float, ...]
-    digest: str
+    truth: str  # folder of its results
+    columns: tuple[str, ...]  # that are compared
+    scales: tuple[float, ...]  # what the error of each is divided by
+    digest: str  # of its history and events
 
     @property
     def names(self) -> list[str]:
@@ -81,14 +75,9 @@ def _costs(figures: dict) -> list[float]:
 
 
 def against(folder: Path, wanted: Sequence[str]) -> Errors:
-    """Return what measures runs against the results in a folder.
+    """Return what measures runs against the truth in a folder, by sensors or columns in lower case; HistoryError: no such column.
 
-    Args:
-        folder: of the truth
-        wanted: sensors or columns, in lower case; none: all columns but those that rounding moves alone, and states
-
-    Raises:
-        HistoryError: there is no such column.
+    Where none are wanted all columns count but those that rounding moves alone, and states.
     """
     history = read(folder)
     idle = {*(still_columns(read_summary(folder)) or {}), *(name for name in history.names if name.endswith(STATES))}
@@ -115,12 +104,7 @@ def _states(events: Sequence[Event], element: str, start: str, times: np.ndarray
 
 
 def state_differences(run: Sequence[Event], truth: Sequence[Event], times: np.ndarray) -> tuple[np.ndarray, float]:
-    """Compare the states of all stops and joints of two runs.
-
-    Returns:
-        whether any state differs, at each of the times
-        the largest part of the time during which the states of one differ
-    """
+    """Return whether any state of two runs differs at each time, and the largest part of the time that one differs."""
     differs, longest = np.zeros(len(times), dtype=bool), 0.0
     starts = {event.element: event.before for event in reversed([*run, *truth])}
     ends = np.unique(np.clip([times[0], times[-1], *(event.time for event in (*run, *truth))], times[0], times[-1]))

@@ -74,17 +74,10 @@ def coordinates(body: Group) -> list[tuple[int, str]]:
 
 
 def changed(deck: Deck, name: str, values: dict, asked: set[str], nodes: dict[int, int] | None = None) -> Deck:
-    """Return the deck with a body's values set and every reference to the body adapted.
+    """Return the deck with a body's values set, None where a key goes, and every reference to the body adapted.
 
-    Args:
-        deck: the deck
-        name: the body
-        values: what is set in its group, None where a key goes
-        asked: names of the sensors that must stay
-        nodes: new number of each old node that stays; None: the mesh stays
-
-    Raises:
-        ImpossibleError: a joint, load or asked-for sensor needs what the change takes away.
+    `asked` are sensors that must stay, `nodes` the new number of each old node that stays (None: the mesh stays). ImpossibleError:
+    a joint, load or asked-for sensor needs what the change takes away.
     """
     before = deck.one("body", name)
     deck = deck.set(before, **values)
@@ -200,11 +193,7 @@ def refined(deck: Deck, doublings: int, asked: set[str]) -> Deck:
 def removals(deck: Deck, asked: set[str], highest: float, target: float) -> list[Change]:
     """Return every single thing that can be taken out of a model; what is impossible is left out.
 
-    Args:
-        deck: the model
-        asked: names of the sensors that must stay
-        highest: frequency that is asked for [Hz]
-        target: largest error of a modulus with which Maxwell terms take the place of GHM terms [-]
+    Maxwell terms take the place of GHM terms up to a frequency, the highest [Hz], where the modulus errs by the target at most [-].
     """
     found: list[Change] = []
     for body in (group for group in deck.all("body") if is_flexible(group)):

@@ -25,52 +25,30 @@ OTHERS += ("stabilization", "baumgarte_alpha", "baumgarte_beta")  # keys that be
 
 @dataclass(frozen=True)
 class TradeoffOptions:
-    """What is asked of a trade-off.
+    """What is asked of a trade-off."""
 
-    Attributes:
-        deck: its path
-        biela: the solver
-        output: folder of the results; None: results/tradeoff/<deck name>
-        sensor: sensors or columns (`tip.v`) to get right; none: all
-        tolerance: largest error over a column's range [-]
-        budget: seconds that a recommended run may take [s]
-        truth: 'deck' or 'refined': what measures errors
-        methods: that are tried
-        jobs: runs side by side; None: as many as there are cores
-        scheduler: address of a Dask scheduler, in place of this machine's cores
-        longest_run: seconds that any run may take [s]
-        time: seconds after which no further runs begin [s]
-        shown: the progress is shown, where standard error is a terminal
-    """
-
-    deck: Path
-    biela: Path
-    output: Path | None = None
-    sensor: tuple[str, ...] = ()
-    tolerance: float = 1.0e-3
-    budget: float = math.inf
-    truth: str = "deck"
-    methods: tuple[str, ...] = METHODS
-    jobs: int | None = None
-    scheduler: str | None = None
-    longest_run: float = 120.0
-    time: float = 600.0
-    shown: bool = False
+    deck: Path  # its path
+    biela: Path  # the solver
+    output: Path | None = None  # folder of the results; None: results/tradeoff/<deck name>
+    sensor: tuple[str, ...] = ()  # sensors or columns (`tip.v`) to get right; none: all
+    tolerance: float = 1.0e-3  # largest error over a column's range [-]
+    budget: float = math.inf  # seconds that a recommended run may take [s]
+    truth: str = "deck"  # 'deck' or 'refined': what measures errors
+    methods: tuple[str, ...] = METHODS  # that are tried
+    jobs: int | None = None  # runs side by side; None: as many as there are cores
+    scheduler: str | None = None  # address of a Dask scheduler, in place of this machine's cores
+    longest_run: float = 120.0  # seconds that any run may take [s]
+    time: float = 600.0  # seconds after which no further runs begin [s]
+    shown: bool = False  # the progress is shown, where standard error is a terminal
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Times of the comparison.
+    """Times of the comparison."""
 
-    Attributes:
-        t_end: end of the run [s]
-        interval: between compared rows [s]
-        stated: the output_step that the deck states, 0 without [s]; fixed steps are no longer
-    """
-
-    t_end: float
-    interval: float
-    stated: float
+    t_end: float  # end of the run [s]
+    interval: float  # between compared rows [s]
+    stated: float  # the output_step that the deck states, 0 without [s]; fixed steps are no longer
 
 
 def grid_of(deck: Deck) -> Grid:
@@ -160,12 +138,7 @@ def own_setting(deck: Deck) -> str:
 
 
 def sensors(deck: Deck, wanted: tuple[str, ...]) -> set[str]:
-    """Return the names of the sensors that are asked for, or all; DeckError where there is none of a name.
-
-    Args:
-        deck: the deck
-        wanted: names of sensors, or of columns (`tip.v`)
-    """
+    """Return the names of the sensors that are wanted, as sensors or columns (`tip.v`), or all; DeckError where there is none."""
     known = [group.name for group in deck.all("sensor")]
     if not known:
         raise DeckError("the deck has no &sensor: nothing to compare")

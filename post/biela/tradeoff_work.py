@@ -53,21 +53,13 @@ REPEATS = 5  # of the runs that are timed, in turn
 
 @dataclass(frozen=True)
 class Point:
-    """A model with a setting: its deck, how far it is off, what it costs.
+    """A model with a setting: its deck, how far it is off, what it costs."""
 
-    Attributes:
-        model: what is taken out, '' for the model in full
-        setting: None: that of the deck itself
-        deck: that was run
-        values: by the names of `Errors.names`, empty where it failed
-        reason: why it failed
-    """
-
-    model: str
-    setting: Setting | None
-    deck: Deck
-    values: dict[str, float] = field(default_factory=dict)
-    reason: str = ""
+    model: str  # what is taken out, '' for the model in full
+    setting: Setting | None  # None: that of the deck itself
+    deck: Deck  # that was run
+    values: dict[str, float] = field(default_factory=dict)  # by the names of `Errors.names`, empty where it failed
+    reason: str = ""  # why it failed
 
     @property
     def errors(self) -> dict[str, float]:
@@ -97,34 +89,21 @@ class Point:
 
 @dataclass
 class Tradeoff:
-    """What a study of speed against accuracy has found.
+    """What a study of speed against accuracy has found."""
 
-    Attributes:
-        options: what was asked
-        folder: of tradeoff.txt, recommended.nml and what was stored
-        grid: times of the comparison
-        measured: the truth, and what of it is compared
-        truth: how it was made, in words
-        uncertainty: largest error that the truth itself may have, over the ranges [-]
-        points: everything that was run
-        removed: removals that were tried: round, label, error, whether it was taken
-        written: the deck as written
-        chosen: what is recommended, as a run of recommended.nml shows it; None where nothing can be
-        notes: on the truth and the search
-        warnings: of the solver on the deck as written, and what a user should know before he trusts the recommendation
-    """
-
-    options: TradeoffOptions
-    folder: Path
-    grid: Grid
-    measured: Errors | None = None
-    truth: str = ""
-    uncertainty: float = math.inf
-    points: list[Point] = field(default_factory=list)
+    options: TradeoffOptions  # what was asked
+    folder: Path  # of tradeoff.txt, recommended.nml and what was stored
+    grid: Grid  # times of the comparison
+    measured: Errors | None = None  # the truth, and what of it is compared
+    truth: str = ""  # how it was made, in words
+    uncertainty: float = math.inf  # largest error that the truth itself may have, over the ranges [-]
+    points: list[Point] = field(default_factory=list)  # everything that was run
+    # removals that were tried: round, label, error, whether it was taken
     removed: list[tuple[int, str, float, bool]] = field(default_factory=list)
-    written: Point | None = None
-    chosen: Point | None = None
-    notes: list[str] = field(default_factory=list)
+    written: Point | None = None  # the deck as written
+    chosen: Point | None = None  # what is recommended, as a run of recommended.nml shows it; None where nothing can be
+    notes: list[str] = field(default_factory=list)  # on the truth and the search
+    # of the solver on the deck as written, and what a user should know before he trusts the recommendation
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -182,20 +161,11 @@ class Tradeoff:
 
 
 class Search:
-    """Makes the runs of a trade-off and fills what it has found.
-
-    Attributes:
-        found: the trade-off
-        deck: as written
-        asked: names of the sensors that stay
-        runs: makes runs, each once
-        rates: seconds for an evaluation of one unknown, by family, from its longest run
-        begun: when the study began, by the clock [s]
-    """
+    """Makes the runs of a trade-off and fills what it has found."""
 
     def __init__(self, found: Tradeoff, deck: Deck, asked: set[str], runs: StudyRuns, begun: float) -> None:
         self.found, self.deck, self.asked, self.runs = found, deck, asked, runs
-        self.rates: dict[str, float] = {}
+        self.rates: dict[str, float] = {}  # [s] of an evaluation of one unknown, by family, from its longest run
         self.begun = begun
 
     @property
@@ -228,13 +198,7 @@ class Search:
         return sorted((p for p in self.found.points if p.error <= self.found.allowed), key=self.cost)
 
     def curves(self, model: str, deck: Deck, first: dict[str, int]) -> None:
-        """Refine the settings of all families side by side, until each is far below what is allowed, or too dear.
-
-        Args:
-            model: its name
-            deck: the model
-            first: entry of each family's ladder with which its curve begins
-        """
+        """Refine the settings of families side by side, from entries of their ladders, until exact enough, or too dear."""
         live = {family: Setting(family, index) for family, index in first.items()}
         for turn in range(LEVELS):
             points = self.measure([(model, deck, setting) for setting in live.values()])
@@ -325,10 +289,9 @@ def run_into(folder: Path, deck: Deck, biela: Path) -> dict:
 
 
 def converged(found: Tradeoff, deck: Deck, folder: Path, seconds: float) -> tuple[Errors, float]:
-    """Run a model with a small part of the tolerance as its accuracy, into a folder.
+    """Run a model with a small part of the tolerance as its accuracy; return what measures runs against it, and its own error.
 
-    Returns:
-        what measures runs against it; how far it may be off itself: the solver's own estimate, infinite where it has none
+    That is the solver's estimate, infinite where it has none.
     """
     figures = run_into(folder, with_accuracy(deck, CERTAIN * found.options.tolerance, found.grid, seconds), found.options.biela)
     measured = against(folder, [name.lower() for name in found.options.sensor])
