@@ -16,10 +16,8 @@ module archive
     procedure :: begin_saving
     procedure :: begin_restoring
     procedure :: complete
-    procedure, private :: exchange_long, exchange_integer, exchange_logical, exchange_real, exchange_reals, exchange_table, &
-                          exchange_text
-    generic :: exchange => exchange_long, exchange_integer, exchange_logical, exchange_real, exchange_reals, exchange_table, &
-                           exchange_text
+    procedure, private :: exchange_values, exchange_reals, exchange_table, exchange_words
+    generic :: exchange => exchange_values, exchange_reals, exchange_table, exchange_words
   end type value_archive
 
 contains
@@ -49,8 +47,8 @@ contains
     yes = .not. self%damaged .and. self%count == size(self%words)
   end function complete
 
-  !> One long integer.
-  subroutine exchange_long(self, n)
+  !> One word.
+  subroutine exchange_word(self, n)
     class(value_archive), intent(inout) :: self
     integer(ip), intent(inout) :: n
     self%count = self%count + 1
@@ -62,37 +60,54 @@ contains
     else
       self%damaged = .true.
     end if
-  end subroutine exchange_long
+  end subroutine exchange_word
 
-  !> One integer.
-  subroutine exchange_integer(self, n)
+  !> Values, up to eight.
+  subroutine exchange_values(self, x, x2, x3, x4, x5, x6, x7, x8)
     class(value_archive), intent(inout) :: self
-    integer, intent(inout) :: n
-    integer(ip) :: word
-    word = int(n, ip)
-    call self%exchange(word)
-    if (abs(word) <= huge(n)) n = int(word)
-  end subroutine exchange_integer
+    class(*), intent(inout) :: x              !! an integer of either kind, a truth value, a real, or text of a fixed length
+    class(*), intent(inout), optional :: x2, x3, x4, x5, x6, x7, x8
+    call exchange_value(self, x)
+    if (present(x2)) call exchange_value(self, x2)
+    if (present(x3)) call exchange_value(self, x3)
+    if (present(x4)) call exchange_value(self, x4)
+    if (present(x5)) call exchange_value(self, x5)
+    if (present(x6)) call exchange_value(self, x6)
+    if (present(x7)) call exchange_value(self, x7)
+    if (present(x8)) call exchange_value(self, x8)
+  end subroutine exchange_values
 
-  !> One truth value.
-  subroutine exchange_logical(self, yes)
+  !> One value; text takes a word for each character.
+  subroutine exchange_value(self, x)
     class(value_archive), intent(inout) :: self
-    logical, intent(inout) :: yes
+    class(*), intent(inout) :: x
     integer(ip) :: word
-    word = merge(1_ip, 0_ip, yes)
-    call self%exchange(word)
-    yes = word == 1_ip
-  end subroutine exchange_logical
-
-  !> One real.
-  subroutine exchange_real(self, x)
-    class(value_archive), intent(inout) :: self
-    real(wp), intent(inout) :: x              !! [any]
-    integer(ip) :: word
-    word = transfer(x, word)
-    call self%exchange(word)
-    if (.not. self%saving) x = transfer(word, x)
-  end subroutine exchange_real
+    integer :: k
+    select type (x)
+    type is (integer(ip))
+      call exchange_word(self, x)
+    type is (integer)
+      word = int(x, ip)
+      call exchange_word(self, word)
+      if (abs(word) <= huge(x)) x = int(word)
+    type is (logical)
+      word = merge(1_ip, 0_ip, x)
+      call exchange_word(self, word)
+      x = word == 1_ip
+    type is (real(wp))
+      word = transfer(x, word)
+      call exchange_word(self, word)
+      if (.not. self%saving) x = transfer(word, x)
+    type is (character(*))
+      do k = 1, len(x)
+        word = iachar(x(k:k))
+        call exchange_word(self, word)
+        x(k:k) = achar(word)
+      end do
+    class default
+      self%damaged = .true.
+    end select
+  end subroutine exchange_value
 
   !> Arrays of reals, up to four.
   subroutine exchange_reals(self, x, x2, x3, x4)
@@ -129,18 +144,19 @@ contains
     end do
   end subroutine exchange_table
 
-  !> Text of a fixed length, a character a word.
-  subroutine exchange_text(self, x)
+  !> Words with their number: what `transfer` makes of a list of records.
+  subroutine exchange_words(self, x)
     class(value_archive), intent(inout) :: self
-    ! allow(C072): texts differ in length
-    character(*), intent(inout) :: x
-    integer :: k, code
-    do k = 1, len(x)
-      code = iachar(x(k:k))
-      call self%exchange(code)
-      x(k:k) = achar(code)
+    integer(ip), allocatable, intent(inout) :: x(:)
+    integer :: k, n
+    n = size(x)
+    call self%exchange(n)
+    if (self%damaged .or. n < 0) return
+    if (.not. self%saving) x = [(0_ip, k=1, n)]
+    do k = 1, n
+      call exchange_word(self, x(k))
     end do
-  end subroutine exchange_text
+  end subroutine exchange_words
 
   !> A number that changes with every bit of the words: two 32-bit multiplicative hashes side by side, no overflow.
   pure integer(ip) function digest(words) result(hash)

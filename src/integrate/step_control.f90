@@ -172,7 +172,6 @@ contains
   subroutine exchange(self, a)
     class(step_controller), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%last_error)
-    call a%exchange(self%after_rejection)
+    call a%exchange(self%last_error, self%after_rejection)
   end subroutine exchange
 end module step_control

@@ -200,25 +200,15 @@ contains
     class(stepper), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     integer :: k
-    call a%exchange(self%t)
-    call a%exchange(self%steps)
-    call a%exchange(self%rejected)
-    call a%exchange(self%shortest)
-    call a%exchange(self%longest)
-    call a%exchange(self%removed)
-    call a%exchange(self%y)
-    call a%exchange(self%grid%done)
-    call a%exchange(self%grid%level)
+    call a%exchange(self%t, self%steps, self%rejected, self%shortest, self%longest, self%removed, self%grid%done, self%grid%level)
     call a%exchange(self%grid%part)
+    call a%exchange(self%y)
     associate (r => self%roots)
       call a%exchange(r%now%g, r%now%rate)
       do k = 1, size(r%fallen)
-        call a%exchange(r%fallen(k))
-        call a%exchange(r%rounding(k))
+        call a%exchange(r%fallen(k), r%rounding(k))
       end do
-      call a%exchange(r%pending)
-      call a%exchange(r%recent)
-      call a%exchange(r%since)
+      call a%exchange(r%pending, r%recent, r%since)
     end associate
   end subroutine exchange_common
 

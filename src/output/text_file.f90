@@ -151,8 +151,7 @@ contains
     class(result_file), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     if (a%saving) self%expected = [self%written%length, self%written%value()]
-    call a%exchange(self%expected(1))
-    call a%exchange(self%expected(2))
+    call a%exchange(self%expected(1), self%expected(2))
   end subroutine exchange
 
   !> Writes the rest of the buffer and closes the file. A row that could not be written completely is cut off.

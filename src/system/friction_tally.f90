@@ -2,13 +2,11 @@
 !> near it comes to its limit there.
 module friction_tally
   use kinds, only: wp, ip
-  use archive, only: value_archive
   use friction_law, only: row_slips
   implicit none (type, external)
   private
-  public :: exchange_friction
 
-  !> Of one joint.
+  !> Of one joint. The checkpoint keeps its words.
   type, public :: joint_tally
     integer(ip) :: sticks = 0                 !! events: it came to rest
     integer(ip) :: slips = 0                  !! it broke away
@@ -71,26 +69,4 @@ contains
     self%slid = self%slid + abs(position - self%position)
     self%position = position
   end subroutine note_position
-
-  !> Saves or restores all of them.
-  subroutine exchange_friction(list, a)
-    type(joint_tally), intent(inout) :: list(:)
-    type(value_archive), intent(inout) :: a
-    integer :: i
-    do i = 1, size(list)
-      associate (x => list(i))
-        call a%exchange(x%sticks)
-        call a%exchange(x%slips)
-        call a%exchange(x%turns)
-        call a%exchange(x%first)
-        call a%exchange(x%last)
-        call a%exchange(x%slid)
-        call a%exchange(x%position)
-        call a%exchange(x%rest)
-        call a%exchange(x%share)
-        call a%exchange(x%undetermined)
-        call a%exchange(x%unknown)
-      end associate
-    end do
-  end subroutine exchange_friction
 end module friction_tally

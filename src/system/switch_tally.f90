@@ -3,16 +3,14 @@
 !> and rates at both ends.
 module switch_tally
   use kinds, only: wp, ip
-  use archive, only: value_archive
   use force_element, only: conditions
   use stops, only: share_of_contact, share_of_flight, stop_model
   implicit none (type, external)
   private
-  public :: exchange_tallies
 
   real(wp), parameter :: near_end = 0.25_wp   !! of a contact: there its force is that of its beginning or end [-]
 
-  !> Of one element.
+  !> Of one element. The checkpoint keeps its words.
   type, public :: element_tally
     integer(ip) :: touched(2) = 0             !! at the upper and lower limit
     integer(ip) :: opened = 0
@@ -177,35 +175,4 @@ contains
     bend = 2*x(i) - x(i - 1) - x(i + 1)
     if (bend > 0.0_wp) peak = x(i) + (x(i + 1) - x(i - 1))**2/(8*bend)
   end function peak
-
-  !> Saves or restores all of them.
-  subroutine exchange_tallies(list, a)
-    type(element_tally), intent(inout) :: list(:)
-    type(value_archive), intent(inout) :: a
-    integer :: i
-    do i = 1, size(list)
-      associate (x => list(i))
-        call a%exchange(x%touched(1))
-        call a%exchange(x%touched(2))
-        call a%exchange(x%opened)
-        call a%exchange(x%let_go)
-        call a%exchange(x%pressed)
-        call a%exchange(x%first)
-        call a%exchange(x%last)
-        call a%exchange(x%force)
-        call a%exchange(x%depth)
-        call a%exchange(x%impulse)
-        call a%exchange(x%steps)
-        call a%exchange(x%mass)
-        call a%exchange(x%time)
-        call a%exchange(x%age)
-        call a%exchange(x%longest)
-        call a%exchange(x%to_end)
-        call a%exchange(x%briefest)
-        call a%exchange(x%fewest)
-        call a%exchange(x%stiffness)
-        call a%exchange(x%damping)
-      end associate
-    end do
-  end subroutine exchange_tallies
 end module switch_tally

@@ -1,7 +1,7 @@
 !> Discrete states of force elements along a run: their roots, what their events change, and a list of the events since it was last
 !> emptied (theory.md, section 11).
 module switching
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use archive, only: value_archive
   use evaluation_results, only: evaluation, conditions_of, motion_of_row
   use marker_motion, only: marker_kinematics
@@ -12,7 +12,7 @@ module switching
   private
   public :: start_states, watch_roots, watch_rows, pass_events, exchange_states, element_name, is_rigid_stop, state_word
 
-  !> An event of one element.
+  !> An event of one element. The checkpoint keeps its words.
   type, public :: switch_event
     real(wp) :: t = 0.0_wp                    !! [s]
     integer :: element = 0                    !! its number among those that switch
@@ -161,8 +161,8 @@ contains
   pure subroutine add(self, event)
     class(event_list), intent(inout) :: self
     type(switch_event), intent(in) :: event
-    if (.not. allocated(self%items)) allocate (self%items(16))
-    if (self%count == size(self%items)) self%items = [self%items, self%items]
+    if (.not. allocated(self%items)) allocate (self%items(0))
+    if (self%count == size(self%items)) self%items = [self%items, self%items, event]
     self%count = self%count + 1
     self%items(self%count) = event
   end subroutine add
@@ -192,21 +192,13 @@ contains
   subroutine exchange(self, a)
     class(event_list), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    type(switch_event) :: event
-    integer :: k, n
-    n = self%count
-    call a%exchange(n)
-    if (.not. a%saving) self%count = 0
-    do k = 1, n
-      if (a%damaged) return
-      if (a%saving) event = self%items(k)
-      call a%exchange(event%t)
-      call a%exchange(event%element)
-      call a%exchange(event%from)
-      call a%exchange(event%to)
-      call a%exchange(event%memory)
-      if (.not. a%saving) call self%add(event)
-    end do
+    integer(ip), allocatable :: words(:)
+    if (.not. allocated(self%items)) allocate (self%items(0))
+    words = transfer(self%items(:self%count), [0_ip])
+    call a%exchange(words)
+    if (a%saving) return
+    self%items = transfer(words, self%items)
+    self%count = size(self%items)
   end subroutine exchange
 
   !> Saves or restores the states of all elements.

@@ -248,17 +248,13 @@ contains
   subroutine exchange(self, a)
     class(pass_ladder), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    real(wp), allocatable :: words(:)         ! of the passes [any]
+    integer(ip), allocatable :: words(:)
     if (.not. self%active) return
-    call a%exchange(self%count)
-    if (.not. a%saving) self%passes = spread(pass_record(), 1, self%count)
-    words = transfer(self%passes, [0.0_wp])
+    words = transfer(self%passes, [0_ip])
     call a%exchange(words)
     self%passes = transfer(words, self%passes)
-    call a%exchange(self%stored)
-    call a%exchange(self%delivered)
-    call a%exchange(self%choice)
-    call a%exchange(self%because)
+    self%count = size(self%passes)
+    call a%exchange(self%stored, self%delivered, self%choice, self%because)
     call self%found%exchange(a)
     call a%exchange(self%apart, self%slow, self%absolute)
   end subroutine exchange

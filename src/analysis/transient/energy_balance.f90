@@ -203,9 +203,8 @@ contains
   subroutine exchange(self, a)
     class(balance_watch), intent(inout) :: self
     type(value_archive), intent(inout) :: a
+    call a%exchange(self%reachable, self%largest_balanced)
     call a%exchange(self%row, self%start)
-    call a%exchange(self%reachable)
-    call a%exchange(self%largest_balanced)
     call self%kinds%exchange(a)
     call self%along_range%exchange(a)
     call a%exchange(self%steps)

@@ -202,17 +202,13 @@ contains
     call a%exchange(self%error, self%agreed)
     call self%waiting%exchange(a)
     call self%others%exchange(a)
-    call a%exchange(self%matched)
-    call a%exchange(self%event_error)
-    call a%exchange(self%differ_at)
+    call a%exchange(self%matched, self%event_error, self%differ_at)
     if (self%stored) return
-    call a%exchange(self%done)
-    call a%exchange(self%lost_at)
+    call a%exchange(self%done, self%lost_at)
     call a%exchange(self%y, self%values)
     call self%balance%exchange(a)
     call self%method%exchange(a)
     call self%sys%exchange_switches(a)
-    call a%exchange(self%sys%ev%evaluations)
-    call a%exchange(self%sys%ev%schur%was_ill_conditioned)
+    call a%exchange(self%sys%ev%evaluations, self%sys%ev%schur%was_ill_conditioned)
   end subroutine exchange
 end module error_check

@@ -1,6 +1,6 @@
 !> Events of the mechanism: stops that touch and part, impacts, joints that stick and slip, controllers that are limited or sample.
 module mechanism_events
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use archive, only: value_archive
   use contact_mass, only: mass_at, time_of_contact
   use controls, only: exchange_controls, pass_control_events, start_controls, watch_controls
@@ -9,14 +9,14 @@ module mechanism_events
   use force_element, only: by_position, idle, most_roots
   use friction_law, only: row_carried, row_slips, row_stuck
   use friction_shares, only: find_undetermined
-  use friction_tally, only: exchange_friction, joint_tally
+  use friction_tally, only: joint_tally
   use impacts, only: impact_result, pass_impacts
   use mechanism_rates, only: moving_mechanism
   use projection, only: project
   use resting_rows, only: close_low, comes_to_rest, hold_resting, resting_set, settle_rows
   use slipping, only: keep_multipliers, pressing
   use stops, only: stop_model, stop_rebound
-  use switch_tally, only: element_tally, exchange_tallies
+  use switch_tally, only: element_tally
   use switching, only: event_list, exchange_states, is_rigid_stop, pass_events, start_states, switch_event, watch_roots, watch_rows
   implicit none (type, external)
   private
@@ -466,19 +466,23 @@ contains
   subroutine exchange_switches(self, a)
     class(switching_mechanism), intent(inout) :: self
     type(value_archive), intent(inout) :: a
+    integer(ip), allocatable :: words(:)
     if (self%roots == 0) return
     call exchange_controls(self%ev, a)
     call exchange_states(self%ev, a)
-    call a%exchange(self%longest_step)
-    call a%exchange(self%shortest_limit)
+    call a%exchange(self%longest_step, self%shortest_limit)
     call self%events%exchange(a)
-    call exchange_tallies(self%tally, a)
+    words = transfer(self%tally, [0_ip])
+    call a%exchange(words)
+    self%tally = transfer(words, self%tally)
     call self%choose_rows()
-    call exchange_friction(self%friction, a)
+    words = transfer(self%friction, [0_ip])
+    call a%exchange(words)
+    self%friction = transfer(words, self%friction)
     call limit_steps_at_rest(self)
     if (.not. allocated(self%pressing)) return
-    call a%exchange(self%pressing)
     call a%exchange(self%last_checked)
+    call a%exchange(self%pressing)
   end subroutine exchange_switches
 
   !> Implicit methods choose rows anew where states have changed; others do nothing.

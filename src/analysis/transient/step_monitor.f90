@@ -219,11 +219,6 @@ contains
   subroutine monitor_exchange(self, a)
     class(stability_monitor), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%estimates)
-    call a%exchange(self%next)
-    call a%exchange(self%latest)
-    call a%exchange(self%smallest)
-    call a%exchange(self%at)
-    call a%exchange(self%cause)
+    call a%exchange(self%estimates, self%next, self%latest, self%smallest, self%at, self%cause)
   end subroutine monitor_exchange
 end module step_monitor

@@ -98,7 +98,6 @@ contains
     call a%exchange(self%values)
     call self%events%exchange(a)
     call self%present%exchange(a)
-    call a%exchange(self%given)
-    call a%exchange(self%filled)
+    call a%exchange(self%given, self%filled)
   end subroutine exchange
 end module stored_pass

@@ -370,10 +370,7 @@ contains
     class(transient_march), intent(inout) :: self
     type(run_state), intent(inout) :: run
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%restarts)
-    call a%exchange(self%done)
-    call a%exchange(self%last)
-    call a%exchange(self%saved)
+    call a%exchange(self%restarts, self%done, self%last, self%saved)
     call a%exchange(run%y)
     call self%method%exchange(a)
     call run%sys%exchange_switches(a)
@@ -384,9 +381,6 @@ contains
     call self%check%exchange(a)
     call run%watch%exchange(a)
     call run%monitor%exchange(a)
-    call a%exchange(run%sys%ev%evaluations)
-    call a%exchange(run%sys%ev%solves)
-    call a%exchange(run%sys%ev%factorisations)
-    call a%exchange(run%sys%ev%schur%was_ill_conditioned)
+    call a%exchange(run%sys%ev%evaluations, run%sys%ev%solves, run%sys%ev%factorisations, run%sys%ev%schur%was_ill_conditioned)
   end subroutine exchange
 end module transient

@@ -314,9 +314,8 @@ contains
     call exchange_common(self, a)
     call a%exchange(self%h)
     call self%control%exchange(a)
+    call a%exchange(self%dense_start, self%dense_step)
     call a%exchange(self%norm%largest, self%norm%steepest, self%norm%noise, self%stages%k(:, 1))
     call a%exchange(self%dense)
-    call a%exchange(self%dense_start)
-    call a%exchange(self%dense_step)
   end subroutine exchange
 end module adaptive_pair

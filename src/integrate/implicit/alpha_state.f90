@@ -102,21 +102,13 @@ contains
     type(value_archive), intent(inout) :: a
     call a%exchange(self%now%h)
     if (.not. a%saving) self%now = step_coefficients(self%method, self%now%h)
+    call a%exchange(self%energy%removed, self%newton%h, self%newton%contraction, self%newton%first, self%newton%exact)
+    call a%exchange(self%newton%steps, self%newton%exact_left)
     call a%exchange(self%x, self%v, self%vd, self%lag)
-    call a%exchange(self%offset)
-    call a%exchange(self%lambda, self%energy%sums, self%energy%powers)
-    call a%exchange(self%energy%removed)
-    call a%exchange(self%newton%h)
+    call a%exchange(self%offset, self%lambda, self%energy%sums, self%energy%powers)
     call a%exchange(self%newton%change)
-    call a%exchange(self%newton%contraction)
-    call a%exchange(self%newton%first)
-    call a%exchange(self%newton%exact)
-    call a%exchange(self%newton%steps)
-    call a%exchange(self%newton%exact_left)
     call self%measure%exchange(a)
-    call a%exchange(self%newton%iterations)
-    call a%exchange(self%newton%factors(1))
-    call a%exchange(self%newton%factors(2))
+    call a%exchange(self%newton%iterations, self%newton%factors(1), self%newton%factors(2))
     if (.not. a%saving) self%needs_factors = .true.
   end subroutine exchange_alpha
 end module alpha_state

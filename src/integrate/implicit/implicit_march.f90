@@ -228,9 +228,7 @@ contains
     class(implicit_stepper), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call exchange_common(self, a)
-    call a%exchange(self%started)
-    call a%exchange(self%failures)
-    call a%exchange(self%hopeless)
+    call a%exchange(self%started, self%failures, self%hopeless)
     call a%exchange(self%norm%largest)
   end subroutine exchange_march
 end module implicit_march

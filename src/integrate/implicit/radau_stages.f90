@@ -430,15 +430,10 @@ contains
   subroutine exchange_stages(self, a)
     type(radau_stage_values), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call a%exchange(self%q0, self%v0, self%a0)
-    call a%exchange(self%inner%z0, self%inner%zd0)
+    call a%exchange(self%last_h, self%iterations, self%residuals, self%renewals, self%eta, self%full_block_left)
+    call a%exchange(self%q0, self%v0, self%a0, self%inner%z0)
+    call a%exchange(self%inner%zd0)
     call a%exchange(self%last_v)
     call a%exchange(self%last_lambda)
-    call a%exchange(self%last_h)
-    call a%exchange(self%iterations)
-    call a%exchange(self%residuals)
-    call a%exchange(self%renewals)
-    call a%exchange(self%eta)
-    call a%exchange(self%full_block_left)
   end subroutine exchange_stages
 end module radau_stages

@@ -359,12 +359,10 @@ contains
     class(radau_march), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     call exchange_march(self, a)
-    call a%exchange(self%h)
-    call a%exchange(self%memory%worst)
-    call a%exchange(self%memory%steps)
-    call a%exchange(self%dense)
+    call a%exchange(self%h, self%memory%worst, self%memory%steps)
     call a%exchange(self%dense_times)
     call a%exchange(self%end_a)
+    call a%exchange(self%dense)
     call exchange_stages(self%stages, a)
   end subroutine exchange
 end module radau_stepper
