@@ -168,7 +168,7 @@ contains
       if (self%events > most_events .or. size(self%used) == 0) cycle
       associate (x => list%items(k))
         call write_number(x%t, time)
-        call write_number(merge(x%memory, 0.0_wp, x%from == 0), speed)
+        call write_number(merge(x%event_value, 0.0_wp, x%from == 0), speed)
         call self%files(events)%line(time//' '//element_name(m, x%element)//' '// &
           state_word(m, x%element, x%from)//' '//state_word(m, x%element, x%to)//speed)
       end associate

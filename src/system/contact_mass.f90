@@ -76,7 +76,7 @@ contains
     select type (stop => m%s%forces(k)%item)
     class is (stop_model)
       call stop%contact(ev%p, with, c)
-      time = min(stop%impact_time(mass, with%memory), stop%rest_time(mass, c%depth))
+      time = min(stop%impact_time(mass, with%event_value), stop%rest_time(mass, c%depth))
     end select
   end function time_of_contact
 end module contact_mass

@@ -10,9 +10,10 @@ module controls
   use marker_motion, only: marker_displacement, marker_kinematics
   use measure, only: measured
   use mechanism, only: mechanism_model
+  use root_watch, only: most_roots
   implicit none (type, external)
   private
-  public :: put_out, rest_controls, start_controls, watch_controls, pass_control_events, exchange_controls
+  public :: put_out, rest_controls, start_controls, pass_control_events, exchange_controls
   public :: control_inputs, solve_controls, control_states, control_slopes
 
 contains
@@ -95,23 +96,6 @@ contains
     end do
   end subroutine start_controls
 
-  !> Roots, two of each, in the motion of the markers.
-  subroutine watch_controls(m, ev, t, left_limit, z, g, rate, zero)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: t                 !! [s]
-    logical, intent(in) :: left_limit         !! a jump of a reference at t does not act yet
-    real(wp), intent(in) :: z(:)              !! (nz) [m, rad, any]
-    real(wp), intent(out) :: g(:), rate(:), zero(:)  !! (2 controllers) as `find_roots` says [any], [any/s], [any]
-    integer :: k
-    do k = 1, size(m%s%controllers)
-      associate (c => m%s%controllers(k), i => 2*k - 1)
-        call c%watch(t, ev%control(k)%state, c%inputs(ev%p, t, left_limit, z(c%first + 1:c%first + c%states)), &
-                     left_limit, g(i:i + 1), rate(i:i + 1), zero(i:i + 1))
-      end associate
-    end do
-  end subroutine watch_controls
-
   !> Events: a sample is taken, a limit reached or left. A jump of the reference may lead beyond a limit at once.
   subroutine pass_control_events(m, ev, t, q, v, z, fallen)
     type(mechanism_model), intent(in) :: m
@@ -119,14 +103,14 @@ contains
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     real(wp), intent(inout) :: z(:)           !! (nz) [m, rad, any]
-    logical, intent(in) :: fallen(:)          !! (2 controllers)
+    logical, intent(in) :: fallen(:)          !! (roots of controllers)
     real(wp), allocatable :: w(:)
     integer :: k
     if (size(m%s%controllers) == 0) return
     call marker_kinematics(m, ev, q, v)
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k), x => ev%control(k), i => m%s%controllers(k)%first)
-        if (.not. any(fallen(2*k - 1:2*k))) cycle
+        if (.not. any(fallen(most_roots*(k - 1) + 1:most_roots*k))) cycle
         if (c%sample > 0.0_wp) then
           call c%take_sample(ev%p, x%state, z(i + 1:i + c%states))
           x%state = x%state + 1
@@ -136,7 +120,7 @@ contains
         if (c%is_beyond(w)) then
           x%state = c%law_at(unset, w)
         else if (x%state == free) then
-          x%state = merge(at_upper, at_lower, fallen(2*k - 1))
+          x%state = merge(at_upper, at_lower, fallen(most_roots*(k - 1) + 1))
         else
           x%state = free
         end if

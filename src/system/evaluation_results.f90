@@ -49,7 +49,7 @@ module evaluation_results
   !> Discrete states, and values of elements at their last events (`s%switching`).
   type, public :: switch_states
     integer, allocatable :: state(:)
-    real(wp), allocatable :: memory(:)          !! [m/s] or [rad/s] of stops; [m] of rows that hold
+    real(wp), allocatable :: event_value(:)     !! [m/s] or [rad/s] of stops; [m] of rows that hold
     logical :: shared = .false.                 !! rows that hold depend on one another: how they share a load is not determined
   end type switch_states
 
@@ -142,7 +142,7 @@ contains
     associate (c => m%s%constraints(m%s%permanent + k)%item, r => ev%rows)
       associate (i => c%first, a => c%ia, b => c%ib)
         term = [r%na(:, i)*ev%p%v(:, a), r%nb(:, i)*ev%p%v(:, b), r%sa(i)*ev%p%rate(a), r%sb(i)*ev%p%rate(b)]
-        x = row_motion(ev%switches%state(c%switch_number), ev%switches%memory(c%switch_number), sum(term), &
+        x = row_motion(ev%switches%state(c%switch_number), ev%switches%event_value(c%switch_number), sum(term), &
                        r%acceleration(i), resting*m%s%size + root_rounding*sum(abs(term)), ev%schur%diagonal(i))
         x%noise = root_rounding*r%largest + merge(resting, root_rounding, ev%schur%singular)*x%compliance*r%strongest
       end associate
@@ -181,7 +181,7 @@ contains
     i = m%s%forces(k)%item%switch_number
     if (i == 0) return
     with%state = ev%switches%state(i)
-    with%memory = ev%switches%memory(i)
+    with%event_value = ev%switches%event_value(i)
     if (m%s%forces(k)%item%row > 0) with%multiplier = ev%lambda(m%s%forces(k)%item%row)
   end function conditions_of
 

@@ -97,16 +97,16 @@ contains
       do k = size(m%s%constraints) - m%s%stop_rows + 1, size(m%s%constraints)
         select type (row => m%s%constraints(k)%item)
         class is (stop_row_model)
-          associate (state => ev%switches%state(row%switch_number), memory => ev%switches%memory(row%switch_number))
+          associate (state => ev%switches%state(row%switch_number), event_value => ev%switches%event_value(row%switch_number))
             if (pass == 1 .and. .not. row%holds(state)) then
               x = row%position(ev%p)
               beyond = row%weight()*max(x - row%upper, row%lower - x) > entered*m%s%size
               if (beyond) state = merge(stop_touching, -stop_touching, x > row%upper)
-              if (beyond) memory = row%weight()*merge(row%upper, row%lower, state > 0)
+              if (beyond) event_value = row%weight()*merge(row%upper, row%lower, state > 0)
               changed = changed .or. beyond
             else if (pass == 2 .and. row%holds(state) .and. state*ev%lambda(row%first) < 0.0_wp) then
               state = stop_open
-              memory = 0.0_wp
+              event_value = 0.0_wp
               changed = .true.
             end if
           end associate

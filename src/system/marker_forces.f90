@@ -32,7 +32,7 @@ contains
         if (f%controller > 0) with%signal = ev%control(f%controller)%output
         if (f%switch_number > 0) then
           with%state = ev%switches%state(f%switch_number)
-          with%memory = ev%switches%memory(f%switch_number)
+          with%event_value = ev%switches%event_value(f%switch_number)
           if (with%state == idle) then
             x = element_action()
             cycle

@@ -102,13 +102,13 @@ contains
     if (ok .and. any(x%rests)) call solve(m, ev, later, x, ok, pressed)
     do k = 1, size(m%s%friction)
       associate (law => m%s%friction(k), s => ev%switches)
-        if (abs(s%state(law%number)) == row_slips) s%memory(law%number) = law%pad_code(ev%lambda)
+        if (abs(s%state(law%number)) == row_slips) s%event_value(law%number) = law%normal_signs(ev%lambda)
         if (s%state(law%number) == -row_idle) s%state(law%number) = row_idle
       end associate
     end do
     do k = 1, size(x%side)
       associate (item => m%s%constraints(m%s%permanent + k)%item)
-        if (item%one_sided .and. .not. item%holds(ev%switches%state(number(m, k)))) ev%switches%memory(number(m, k)) = 0.0_wp
+        if (item%one_sided .and. .not. item%holds(ev%switches%state(number(m, k)))) ev%switches%event_value(number(m, k)) = 0.0_wp
       end associate
     end do
     call look(m, ev, at)
@@ -388,7 +388,7 @@ contains
     type(evaluation), intent(inout) :: ev
     type(resting_set), intent(in) :: x
     integer, intent(in) :: k
-    ev%switches%memory(number(m, k)) = m%s%constraints(m%s%permanent + k)%item%place(ev%p, x%side(k))
+    ev%switches%event_value(number(m, k)) = m%s%constraints(m%s%permanent + k)%item%place(ev%p, x%side(k))
     call set_relation(m, ev, x, k, row_stuck)
   end subroutine hold
 

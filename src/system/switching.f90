@@ -10,14 +10,14 @@ module switching
   use stops, only: stop_rebound
   implicit none (type, external)
   private
-  public :: start_states, watch_roots, watch_rows, pass_events, exchange_states, element_name, is_rigid_stop, state_word
+  public :: start_states, watch_roots, pass_events, exchange_states, element_name, is_rigid_stop, state_word
 
   !> An event of one element. The checkpoint keeps its words.
   type, public :: switch_event
     real(wp) :: t = 0.0_wp                    !! [s]
     integer :: element = 0                    !! its number among those that switch
     integer :: from = 0, to = 0               !! its states before and after
-    real(wp) :: memory = 0.0_wp               !! value stored at this event: of a stop the speed at touching [m/s] or [rad/s]
+    real(wp) :: event_value = 0.0_wp          !! value stored at this event: of a stop the speed at touching [m/s] or [rad/s]
   end type switch_event
 
   !> The events since the list was last emptied.
@@ -42,44 +42,41 @@ contains
     call marker_kinematics(m, ev, q, v)
     associate (s => m%s%switching, x => ev%switches)
       do i = 1, size(s)
-        call m%s%forces(s(i))%item%start_state(ev%p, conditions_of(m, ev, s(i)), x%state(i), x%memory(i))
+        call m%s%forces(s(i))%item%switch(ev%p, conditions_of(m, ev, s(i)), 0, x%state(i), x%event_value(i))
       end do
     end associate
   end subroutine start_states
 
-  !> Roots of all force elements in their present states, in the motion of the markers.
-  subroutine watch_roots(m, ev, g, rate, zero)
+  !> Roots of some elements in their present states: of force elements and controllers in the motion of the markers, of rows after an
+  !> evaluation.
+  subroutine watch_roots(m, ev, first, last, t, left_limit, z, g, rate, zero)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    real(wp), intent(out) :: g(:), rate(:), zero(:) !! (roots) `watched_roots` [any], [any/s], [any]
+    integer, intent(in) :: first, last        !! numbers among force elements, rows and controllers, in this order
+    real(wp), intent(in) :: t                 !! [s]
+    logical, intent(in) :: left_limit         !! a jump of a reference at t does not act yet
+    real(wp), intent(in) :: z(:)              !! (nz) all internal variables [m, rad, any]
+    real(wp), intent(inout) :: g(:), rate(:), zero(:) !! (roots of all) those of these elements are set [any], [any/s], [any]
     type(watched_roots) :: x
-    integer :: i, n
-    associate (s => m%s%switching)
-      do i = 1, size(s)
-        call m%s%forces(s(i))%item%roots(ev%p, conditions_of(m, ev, s(i)), x)
-        n = most_roots*(i - 1)
-        g(n + 1:n + most_roots) = x%g
-        rate(n + 1:n + most_roots) = x%rate
-        zero(n + 1:n + most_roots) = x%zero
-      end do
-    end associate
-  end subroutine watch_roots
-
-  !> Roots of all rows that switch, after an evaluation.
-  subroutine watch_rows(m, ev, g, rate, zero)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(out) :: g(:), rate(:), zero(:) !! (roots of the rows) `watched_roots` [m/s], [N], and per second
-    type(watched_roots) :: x
-    integer :: k, n
-    do k = 1, size(m%s%friction)
-      call m%s%constraints(m%s%permanent + k)%item%roots(motion_of_row(m, ev, k), ev%lambda, x)
-      n = most_roots*(k - 1)
+    integer :: i, k, n
+    do i = first, last
+      k = i - size(m%s%switching)
+      if (k <= 0) then
+        call m%s%forces(m%s%switching(i))%item%roots(ev%p, conditions_of(m, ev, m%s%switching(i)), x)
+      else if (i <= m%s%elements) then
+        call m%s%constraints(m%s%permanent + k)%item%roots(motion_of_row(m, ev, k), ev%lambda, x)
+      else
+        k = i - m%s%elements
+        associate (c => m%s%controllers(k))
+          call c%roots(t, ev%control(k)%state, c%inputs(ev%p, t, left_limit, z(c%first + 1:c%first + c%states)), left_limit, x)
+        end associate
+      end if
+      n = most_roots*(i - 1)
       g(n + 1:n + most_roots) = x%g
       rate(n + 1:n + most_roots) = x%rate
       zero(n + 1:n + most_roots) = x%zero
     end do
-  end subroutine watch_rows
+  end subroutine watch_roots
 
   !> Switches the force elements whose roots have fallen, then those with a negative root that still falls, until there is none. ok
   !> is false where that does not end. A negative root that rises is rounding: that of an element that has just switched.
@@ -102,7 +99,7 @@ contains
         k = findloc(down(most_roots*(i - 1) + 1:most_roots*i), .true., 1)
         if (k > 0) call switch_one(m, ev, t, i, k, list)
       end do
-      call watch_roots(m, ev, g, rate, zero)
+      call watch_roots(m, ev, 1, size(m%s%switching), t, .false., [real(wp) ::], g, rate, zero)
       down = g < -zero .and. rate < 0.0_wp .and. .not. rigid
       ok = .not. any(down)
       if (ok) return
@@ -120,10 +117,10 @@ contains
     type(switch_event) :: event
     event = switch_event(t, i, ev%switches%state(i))
     associate (k => m%s%switching(i))
-      call m%s%forces(k)%item%switch(ev%p, conditions_of(m, ev, k), which, event%to, event%memory)
+      call m%s%forces(k)%item%switch(ev%p, conditions_of(m, ev, k), which, event%to, event%event_value)
     end associate
     ev%switches%state(i) = event%to
-    ev%switches%memory(i) = event%memory
+    ev%switches%event_value(i) = event%event_value
     if (i <= m%s%stops) call list%add(event)   ! a corner of a function of motion is not reported
   end subroutine switch_one
 
@@ -137,11 +134,12 @@ contains
   !> The name of an element.
   pure function element_name(m, i) result(name)
     type(mechanism_model), intent(in) :: m
-    integer, intent(in) :: i                  !! its number among those that switch
+    integer, intent(in) :: i                  !! its number among those that switch; controllers follow
     character(:), allocatable :: name
     associate (n => size(m%s%switching))
       if (i <= n) name = trim(m%s%forces(m%s%switching(i))%item%name)
-      if (i > n) name = trim(m%s%constraints(m%s%permanent + i - n)%item%name)
+      if (i > n .and. i <= m%s%elements) name = trim(m%s%constraints(m%s%permanent + i - n)%item%name)
+      if (i > m%s%elements) name = trim(m%s%controllers(i - m%s%elements)%name)
     end associate
   end function element_name
 
@@ -209,7 +207,7 @@ contains
     do i = 1, size(ev%switches%state)
       call a%exchange(ev%switches%state(i))
     end do
-    call a%exchange(ev%switches%memory)
+    call a%exchange(ev%switches%event_value)
     if (allocated(ev%slip%start)) call a%exchange(ev%slip%start)
     call a%exchange(ev%switches%shared)
   end subroutine exchange_states

@@ -210,9 +210,8 @@ contains
     logical :: named(run%sys%m%s%elements + size(run%sys%m%s%controllers))
     integer :: k, n
     text = ''
-    associate (list => run%sys%events, elements => run%sys%m%s%elements)
-      named = [(any(fallen(most_roots*k - most_roots + 1:most_roots*k)), k=1, elements), &
-               (any(fallen(most_roots*elements + 2*k - 1:most_roots*elements + 2*k)), k=1, size(named) - elements)]
+    associate (list => run%sys%events)
+      named = any(reshape(fallen, [most_roots, size(named)]), 1)
       do k = max(1, list%count - 99), list%count
         named(list%items(k)%element) = .true.
       end do
@@ -220,13 +219,8 @@ contains
       do k = 1, size(named)
         if (named(k)) n = n + 1
         if (.not. named(k) .or. n > 5) cycle
-        if (n == 5) then
-          text = text//' and others'
-        else if (k <= elements) then
-          text = text//' "'//element_name(run%sys%m, k)//'"'
-        else
-          text = text//' "'//trim(run%sys%m%s%controllers(k - elements)%name)//'"'
-        end if
+        if (n < 5) text = text//' "'//element_name(run%sys%m, k)//'"'
+        if (n == 5) text = text//' and others'
       end do
     end associate
   end function last_elements

@@ -139,7 +139,7 @@ contains
     call system%derivative(period, y, .true., turn%slope)
     turn%events = system%events
     associate (n => size(system%m%s%switching))
-      turn%remembers = any(system%ev%switches%memory(:n) > 0.0_wp .and. system%ev%switches%state(:n) /= 0)
+      turn%remembers = any(system%ev%switches%event_value(:n) > 0.0_wp .and. system%ev%switches%state(:n) /= 0)
     end associate
     turn%range = [real(wp) ::]
     if (first) turn%range = high - low
@@ -167,7 +167,7 @@ contains
       associate (row => system%m%s%constraints(k)%item, x => system%ev%switches)
         if (.not. row%holds(held(row%switch_number))) cycle
         x%state(row%switch_number) = held(row%switch_number)
-        x%memory(row%switch_number) = row%place(system%ev%p, sign(1, held(row%switch_number)))
+        x%event_value(row%switch_number) = row%place(system%ev%p, sign(1, held(row%switch_number)))
       end associate
     end do
     if (any(system%ev%switches%state /= states)) then

@@ -3,7 +3,7 @@ module mechanism_events
   use kinds, only: wp, ip
   use archive, only: value_archive
   use contact_mass, only: mass_at, time_of_contact
-  use controls, only: exchange_controls, pass_control_events, start_controls, watch_controls
+  use controls, only: exchange_controls, pass_control_events, start_controls
   use dynamics, only: evaluate, marker_kinematics, motion_state
   use evaluation_results, only: conditions_of, evaluation
   use force_element, only: by_position, idle, most_roots
@@ -17,7 +17,7 @@ module mechanism_events
   use slipping, only: keep_multipliers, pressing
   use stops, only: stop_model, stop_rebound
   use switch_tally, only: element_tally
-  use switching, only: event_list, exchange_states, is_rigid_stop, pass_events, start_states, switch_event, watch_roots, watch_rows
+  use switching, only: event_list, exchange_states, is_rigid_stop, pass_events, start_states, switch_event, watch_roots
   implicit none (type, external)
   private
 
@@ -66,7 +66,7 @@ contains
       call start_states(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
       call start_controls(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), given)
     end associate
-    self%roots = most_roots*self%m%s%elements + 2*size(self%m%s%controllers)
+    self%roots = most_roots*(self%m%s%elements + size(self%m%s%controllers))
     allocate (self%tally(size(self%m%s%switching)))
     allocate (self%friction(self%m%s%elements - size(self%tally)))
     if (self%m%s%stops > 0) call begin_contacts(self, t, y, [(k, k=1, self%m%s%stops)], &
@@ -118,18 +118,17 @@ contains
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
     logical, intent(in) :: left_limit       !! y is the end of a step
     real(wp), intent(out) :: g(:), rate(:), zero(:)   !! (roots) [any], [any/s], [any]
-    integer :: k
-    k = self%roots - 2*size(self%m%s%controllers)
-    associate (nq => self%m%s%nq, nz => self%m%s%nz, n => most_roots*size(self%m%s%switching))
-      if (size(self%m%s%friction) > 0 .or. holds_stops(self)) then
+    associate (m => self%m, ev => self%ev, s => self%m%s, z => y(2*self%m%s%nq + 1:2*self%m%s%nq + self%m%s%nz))
+      if (size(s%friction) > 0 .or. holds_stops(self)) then
         call self%look_at(t, y, left_limit)
-        call watch_rows(self%m, self%ev, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
-        call measure_rates(self, t, y, g(n + 1:k), rate(n + 1:k), zero(n + 1:k))
-        self%events_may_follow = comes_to_rest(self%m, self%ev)
+        call watch_roots(m, ev, size(s%switching) + 1, s%elements, t, left_limit, z, g, rate, zero)
+        call measure_rates(self, t, y, g, rate, zero)
+        self%events_may_follow = comes_to_rest(m, ev)
       end if
-      if (n + size(self%m%s%controllers) > 0) call marker_kinematics(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
-      call watch_roots(self%m, self%ev, g(:n), rate(:n), zero(:n))
-      call watch_controls(self%m, self%ev, t, left_limit, y(2*nq + 1:2*nq + nz), g(k + 1:), rate(k + 1:), zero(k + 1:))
+      if (size(s%switching) + size(s%controllers) == 0) return
+      call marker_kinematics(m, ev, y(1:s%nq), y(s%nq + 1:2*s%nq))
+      call watch_roots(m, ev, 1, size(s%switching), t, left_limit, z, g, rate, zero)
+      call watch_roots(m, ev, s%elements + 1, s%elements + size(s%controllers), t, left_limit, z, g, rate, zero)
     end associate
   end subroutine find_roots
 
@@ -139,8 +138,8 @@ contains
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
-    real(wp), intent(in) :: g(:), zero(:)   !! (roots of the rows) of the last evaluation [any]
-    real(wp), intent(inout) :: rate(:)      !! (roots of the rows) [any/s]
+    real(wp), intent(in) :: g(:), zero(:)   !! (roots) of the last evaluation [any]
+    real(wp), intent(inout) :: rate(:)      !! (roots) [any/s]
     real(wp), dimension(size(g)) :: later, unused, rounding   ! [any], [any/s], [any]
     real(wp) :: h                           ! [s]
     integer :: k
@@ -150,7 +149,7 @@ contains
       if (.not. any(ev%switches%state(size(s%switching) + 1:) == row_stuck)) return
       if (ev%schur%singular .or. ev%broken .or. .not. self%output_step < huge(1.0_wp)) return
       x%switches%state = ev%switches%state
-      x%switches%memory = ev%switches%memory
+      x%switches%event_value = ev%switches%event_value
       x%slip%start = ev%lambda
       x%control = ev%control
       x%broken = .false.
@@ -158,12 +157,12 @@ contains
       associate (q => y(1:s%nq), v => y(s%nq + 1:2*s%nq), z => y(2*s%nq + 1:2*s%nq + s%nz), nzd => s%nzd, &
                  zd => y(2*s%nq + s%nz + 1:2*s%nq + s%nz + s%nzd))
         call evaluate(self%m, x, ev%options, t + h, q + h*v, v + h*ev%a, z + h*[zd, ev%zdd(nzd + 1:)], zd + h*ev%zdd(:nzd))
+        if (x%schur%singular .or. x%broken) return
+        call watch_roots(self%m, x, size(s%switching) + 1, s%elements, t, .true., z, later, unused, rounding)
       end associate
-      if (x%schur%singular .or. x%broken) return
-      call watch_rows(self%m, x, later, unused, rounding)
       do k = 1, size(s%friction)
         if (ev%switches%state(s%friction(k)%number) /= row_stuck) cycle
-        associate (i => most_roots*(k - 1) + 1)
+        associate (i => most_roots*(s%friction(k)%number - 1) + 1)
           rate(i) = 0.0_wp
           if (abs(later(i) - g(i)) > least_change*zero(i)) rate(i) = (later(i) - g(i))/h
         end associate
@@ -192,12 +191,12 @@ contains
     logical, intent(in) :: fallen(:)        !! (roots)
     logical, intent(out) :: ok
     integer :: n, before(self%m%s%elements)
-    real(wp) :: memory(self%m%s%elements)   ! before [any]
+    real(wp) :: event_value(self%m%s%elements)   ! before [any]
     ok = .true.
     call self%forget()
     self%unchanged = .false.
     before = self%ev%switches%state
-    memory = self%ev%switches%memory
+    event_value = self%ev%switches%event_value
     n = most_roots*self%m%s%elements
     associate (nq => self%m%s%nq, nz => self%m%s%nz)
       call pass_control_events(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), fallen(n + 1:))
@@ -206,7 +205,7 @@ contains
     n = self%events%count
     call settle_events(self, t, y, fallen, before, ok)
     self%unchanged = self%events%count == n .and. all(self%ev%switches%state == before) .and. &
-                     .not. any(abs(self%ev%switches%memory - memory) > 0.0_wp) .and. &
+                     .not. any(abs(self%ev%switches%event_value - event_value) > 0.0_wp) .and. &
                      .not. any(fallen(most_roots*self%m%s%elements + 1:))
   end subroutine resolve_events
 

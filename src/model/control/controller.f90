@@ -9,6 +9,7 @@ module controller
   use history, only: breakpoint, history_model
   use marker, only: marker_states
   use measure, only: measure_model, measured
+  use root_watch, only: watched_roots
   use small_matrices, only: solve_small
   use step_counts, only: rounding_of
   implicit none (type, external)
@@ -51,7 +52,7 @@ module controller
     procedure :: law_in
     procedure :: solve
     procedure :: limited
-    procedure :: watch
+    procedure :: roots
     procedure :: take_sample
     procedure :: slopes
     procedure :: response
@@ -197,47 +198,37 @@ contains
   end function limited
 
   !> Its roots: the distance to both limits, the way back from one, or the time to the next sample.
-  pure subroutine watch(self, t, state, w, left_limit, g, rate, zero)
+  pure subroutine roots(self, t, state, w, left_limit, watched)
     class(controller_model), intent(in) :: self
     real(wp), intent(in) :: t                 !! [s]
     integer, intent(in) :: state              !! of a sampled one the number of the next sample
     real(wp), intent(in) :: w(:)              !! (states + 5) [any]
     logical, intent(in) :: left_limit         !! a jump of the reference at t does not act yet
-    real(wp), intent(out) :: g(2)             !! positive until the event; huge: not watched [any] or [s]
-    real(wp), intent(out) :: rate(2)          !! huge: not known [any/s] or [-]
-    real(wp), intent(out) :: zero(2)          !! a value so small is rounding [any] or [s]
-    real(wp) :: now, slope, h(-1:2)
-    integer :: n
-    n = self%states
-    g = huge(1.0_wp)
-    rate = 0.0_wp
-    zero = 0.0_wp
+    type(watched_roots), intent(out) :: watched
+    real(wp) :: slope, limit, h(-1:2)
+    integer :: n, k, side
     if (self%sample > 0.0_wp) then
-      g(1) = self%next_sample(state) - t
-      rate(1) = -1.0_wp
-      zero(1) = rounding_of(self%next_sample(state))
+      watched%g(1) = self%next_sample(state) - t
+      watched%rate(1) = -1.0_wp
+      watched%zero(1) = rounding_of(self%next_sample(state))
       return
     end if
-    now = dot_product(self%demand, w)
+    n = self%states
     slope = huge(1.0_wp)
     if (.not. (self%quantity%rate .or. abs(self%demand(n + 2)) > 0.0_wp)) then
       call self%reference%evaluate(t, left_limit, h)
       slope = dot_product(self%demand, [matmul(self%rates(:, :, state), w), w(n + 2), 0.0_wp, h(1), h(2), 0.0_wp])
     end if
-    if (state /= at_lower .and. self%upper < huge(1.0_wp)) call set(merge(-1, 1, state == free), self%upper, 1, g, rate, zero)
-    if (state /= at_upper .and. self%lower > -huge(1.0_wp)) call set(merge(1, -1, state == free), self%lower, 2, g, rate, zero)
-  contains
-    !> One root: side times what the demand is above a limit.
-    pure subroutine set(side, limit, k, g, rate, zero)
-      integer, intent(in) :: side, k
-      real(wp), intent(in) :: limit           !! [any]
-      real(wp), intent(inout) :: g(2), rate(2), zero(2)   !! [any], [any/s], [any]
-      g(k) = side*(now - limit)
-      if (slope < huge(1.0_wp)) rate(k) = side*slope
-      if (slope >= huge(1.0_wp)) rate(k) = huge(1.0_wp)
-      zero(k) = 64*epsilon(1.0_wp)*max(abs(limit), maxval(abs(self%demand*w)))
-    end subroutine set
-  end subroutine watch
+    do k = 1, 2
+      limit = merge(self%upper, self%lower, k == 1)
+      side = merge(at_upper, at_lower, k == 1)
+      if (state == -side .or. abs(limit) >= huge(1.0_wp)) cycle
+      if (state == free) side = -side         ! the demand is on this side of the limit
+      watched%g(k) = side*(dot_product(self%demand, w) - limit)
+      watched%rate(k) = merge(side*slope, slope, slope < huge(1.0_wp))
+      watched%zero(k) = 64*epsilon(1.0_wp)*max(abs(limit), maxval(abs(self%demand*w)))
+    end do
+  end subroutine roots
 
   !> The sample number k: the output that is held until the next one, the filter and the integral in between.
   pure subroutine take_sample(self, p, k, x)

@@ -29,7 +29,7 @@ module force_element
     real(wp) :: slopes(2) = 0.0_wp        !! its derivatives by what it senses and by the rate of that, its states fixed [-]
     real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
     integer :: state = by_position        !! discrete state of an element that switches
-    real(wp) :: memory = 0.0_wp           !! what it keeps from its last event: a stop the speed at touching [m/s] or [rad/s]
+    real(wp) :: event_value = 0.0_wp      !! what it keeps from its last event: a stop the speed at touching [m/s] or [rad/s]
     real(wp) :: multiplier = 0.0_wp       !! of its own constraint row, where it has one [N]
   end type conditions
 
@@ -79,8 +79,7 @@ module force_element
     procedure :: warning => no_warning            !! what is worth telling of it as assembled; empty: nothing
     procedure :: breakpoints => no_breakpoints    !! times at which its force is not smooth
     procedure :: roots => no_roots                !! what it watches in its present state
-    procedure :: switch => no_switch              !! its state after an event
-    procedure :: start_state => no_start_state    !! its state where no event has led to it
+    procedure :: switch => no_switch              !! its state after an event, or where none has led to it
     procedure :: state_word => no_word            !! a state in a word, for files
   end type force_model
 
@@ -278,27 +277,16 @@ contains
   end subroutine no_roots
 
   !> Most elements have no states.
-  pure subroutine no_switch(self, p, with, which, state, memory)
+  pure subroutine no_switch(self, p, with, which, state, event_value)
     class(force_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with          !! with its present state
-    integer, intent(in) :: which                  !! the root that fell to zero
+    integer, intent(in) :: which                  !! the root that fell to zero; 0: no event
     integer, intent(out) :: state                 !! the next one
-    real(wp), intent(out) :: memory               !! what it keeps from this event [m/s] or [rad/s]
+    real(wp), intent(out) :: event_value          !! what it keeps from this event [m/s] or [rad/s]
     state = with%state
-    memory = with%memory
+    event_value = with%event_value
   end subroutine no_switch
-
-  !> Most elements have no states.
-  pure subroutine no_start_state(self, p, with, state, memory)
-    class(force_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
-    integer, intent(out) :: state
-    real(wp), intent(out) :: memory               !! [m/s] or [rad/s]
-    state = by_position
-    memory = 0.0_wp
-  end subroutine no_start_state
 
   !> Most elements have no states.
   pure function no_word(self, state) result(word)

@@ -22,7 +22,6 @@ module piecewise_force
     procedure :: watch_corners
     procedure :: roots => piece_roots
     procedure :: switch => next_piece
-    procedure :: start_state => start_piece
   end type piecewise_model
 
 contains
@@ -73,7 +72,7 @@ contains
       call self%history%evaluate(x, .false., f)
       h = f(0:)
     else
-      call piece_value(self%history, x, with%memory, h)
+      call piece_value(self%history, x, with%event_value, h)
     end if
   end function history_value
 
@@ -95,7 +94,7 @@ contains
     real(wp) :: ends(2), x, rate, rounding
     integer :: k
     call self%followed(p, with%stage, x, rate, rounding)
-    ends = piece_ends(self%history, with%memory)
+    ends = piece_ends(self%history, with%event_value)
     do k = 1, 2
       if (abs(ends(k)) >= huge(1.0_wp)) cycle
       watched%g(k) = merge(x - ends(1), ends(2) - x, k == 1)
@@ -105,28 +104,21 @@ contains
     end do
   end subroutine piece_roots
 
-  !> The motion goes on in the neighbour of its piece.
-  pure subroutine next_piece(self, p, with, which, state, memory)
+  !> The motion goes on in the neighbour of its piece; where no event has led to it, its piece follows from where it is.
+  pure subroutine next_piece(self, p, with, which, state, event_value)
     class(piecewise_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
-    integer, intent(in) :: which           !! the root that fell to zero
+    integer, intent(in) :: which           !! the root that fell to zero; 0: no event
     integer, intent(out) :: state
-    real(wp), intent(out) :: memory        !! [any]
-    state = on_a_piece
-    memory = piece_beyond(self%history, with%memory, which == 2)
-  end subroutine next_piece
-
-  !> The piece of a motion that no event has led to.
-  pure subroutine start_piece(self, p, with, state, memory)
-    class(piecewise_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
-    integer, intent(out) :: state
-    real(wp), intent(out) :: memory        !! [any]
+    real(wp), intent(out) :: event_value   !! [any]
     real(wp) :: x, rate, rounding
-    call self%followed(p, with%stage, x, rate, rounding)
     state = on_a_piece
-    memory = first_piece(self%history, x, rate, max(rounding, root_rounding*abs(x)))
-  end subroutine start_piece
+    if (which > 0) then
+      event_value = piece_beyond(self%history, with%event_value, which == 2)
+    else
+      call self%followed(p, with%stage, x, rate, rounding)
+      event_value = first_piece(self%history, x, rate, max(rounding, root_rounding*abs(x)))
+    end if
+  end subroutine next_piece
 end module piecewise_force

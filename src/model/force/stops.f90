@@ -65,7 +65,6 @@ module stops
     procedure :: pressing
     procedure :: roots => stop_roots
     procedure :: switch => stop_switch
-    procedure :: start_state => stop_start
     procedure :: state_word => stop_word
     procedure :: contact_force => stop_force      !! of a penetration and its rate
     procedure :: contact_rates                    !! those of a mass on it
@@ -163,7 +162,7 @@ contains
     class(stop_model), intent(in) :: self
     type(conditions), intent(in) :: with
     chi = self%chi
-    if (self%rebound > 0.0_wp .and. with%memory > 0.0_wp) chi = self%rebound/with%memory
+    if (self%rebound > 0.0_wp .and. with%event_value > 0.0_wp) chi = self%rebound/with%event_value
   end function present_damping
 
   !> The floor of the speed at touching.
@@ -397,24 +396,26 @@ contains
   end subroutine distances
 
   !> Touching keeps the speed of it, at least the floor; a contact that lets go and presses again keeps that of its touching.
-  pure subroutine stop_switch(self, p, with, which, state, memory)
+  pure subroutine stop_switch(self, p, with, which, state, event_value)
     class(stop_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
-    integer, intent(in) :: which           !! the root that fell to zero
+    integer, intent(in) :: which           !! the root that fell to zero; 0: no event
     integer, intent(out) :: state
-    real(wp), intent(out) :: memory        !! [m/s] or [rad/s]
+    real(wp), intent(out) :: event_value   !! [m/s] or [rad/s]
     type(measured) :: now
     integer :: side
-    memory = with%memory
-    if (with%state == stop_open) then
+    event_value = with%event_value
+    if (which == 0) then
+      call start_contact(self, p, with, state, event_value)
+    else if (with%state == stop_open) then
       call self%measure%measure(p, now)
       side = merge(1, -1, which == 1)
       state = side*stop_touching
-      memory = max(side*now%rate, self%slowest())
+      event_value = max(side*now%rate, self%slowest())
     else if (which == 1) then
       state = stop_open
-      memory = 0.0_wp
+      event_value = 0.0_wp
     else
       state = sign(merge(stop_let_go, stop_touching, abs(with%state) == stop_touching), with%state)
     end if
@@ -422,12 +423,12 @@ contains
 
   !> The state of a position that no event has led to: beyond a limit, or on it and not leaving, it touches with the speed that it
   !> has, at least the floor. Where it leaves so fast that the stop would pull, it has let go.
-  pure subroutine stop_start(self, p, with, state, memory)
+  pure subroutine start_contact(self, p, with, state, event_value)
     class(stop_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     integer, intent(out) :: state
-    real(wp), intent(out) :: memory        !! [m/s] or [rad/s]
+    real(wp), intent(out) :: event_value   !! [m/s] or [rad/s]
     type(conditions) :: unknown
     type(watched_roots) :: watched
     type(stop_contact) :: c
@@ -435,7 +436,7 @@ contains
     unknown%state = stop_open
     call self%roots(p, unknown, watched)
     state = stop_open
-    memory = 0.0_wp
+    event_value = 0.0_wp
     if (self%rigid) return                 ! `impacts` closes it
     if (minval(watched%g) > watched%zero(1)) return
     state = merge(1, -1, watched%g(1) <= watched%g(2))*stop_touching
@@ -444,11 +445,11 @@ contains
     if (c%depth <= watched%zero(1) .and. c%rate < 0.0_wp) then
       state = stop_open
     else
-      memory = max(c%rate, self%slowest())
-      unknown%memory = memory
+      event_value = max(c%rate, self%slowest())
+      unknown%event_value = event_value
       if (self%factor(c%rate, unknown) < 0.0_wp) state = sign(stop_let_go, state)
     end if
-  end subroutine stop_start
+  end subroutine start_contact
 
   !> With what a rigid stop pushes, by the multiplier of its row.
   pure real(wp) function pressing(self, with) result(force)   ! [N] or [N m]

@@ -31,7 +31,7 @@ module constraint
   !> State and motion of a row that switches, whether it holds or not.
   type, public :: row_motion
     integer :: state = 0
-    real(wp) :: memory = 0.0_wp           !! what it keeps from its last event: a row that holds the value it is measured from [m]
+    real(wp) :: event_value = 0.0_wp      !! what it keeps from its last event: a row that holds the value it is measured from [m]
     real(wp) :: rate = 0.0_wp             !! [m/s]
     real(wp) :: acceleration = 0.0_wp     !! [m/s2]
     real(wp) :: still = 0.0_wp            !! a rate so small is none [m/s]

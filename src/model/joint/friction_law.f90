@@ -32,7 +32,7 @@ module friction_law
     procedure :: share
     procedure :: pads
     procedure :: pad_signs
-    procedure :: pad_code
+    procedure :: normal_signs
   end type coulomb_law
 
 contains
@@ -124,20 +124,20 @@ contains
     if (self%contact == on_pads) n = 0.5_wp*lambda(self%first) + [1, -1]*self%size/self%distance*lambda(self%first + 1)
   end function pads
 
-  !> Signs of the pads' normal forces while a row slips, which it keeps as 0 to 3 in its memory.
-  pure function pad_signs(self, memory) result(s)
+  !> Signs of the pads' normal forces while a row slips, kept as 0 to 3 as its event value.
+  pure function pad_signs(self, event_value) result(s)
     class(coulomb_law), intent(in) :: self
-    real(wp), intent(in) :: memory        !! [-]
+    real(wp), intent(in) :: event_value   !! [-]
     real(wp) :: s(most_pads)              ! [-]
-    s = 1.0_wp - 2*[mod(nint(memory), 2), nint(memory)/2]
+    s = 1.0_wp - 2*[mod(nint(event_value), 2), nint(event_value)/2]
   end function pad_signs
 
   !> The same from the multipliers.
-  pure real(wp) function pad_code(self, lambda) result(memory)   ! [-]
+  pure real(wp) function normal_signs(self, lambda) result(event_value)   ! [-]
     class(coulomb_law), intent(in) :: self
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    memory = dot_product([1, 2], merge(1, 0, self%pads(lambda) < 0.0_wp))
-  end function pad_code
+    event_value = dot_product([1, 2], merge(1, 0, self%pads(lambda) < 0.0_wp))
+  end function normal_signs
 
   !> The direction in which it slides, 0 at rest.
   pure integer function slides(self, state)

@@ -58,7 +58,7 @@ contains
       watched%g(1) = now%state*now%rate
       watched%rate(1) = now%state*now%acceleration
       watched%zero(1) = now%still
-      n = self%law%pads(lambda)*self%law%pad_signs(now%memory)
+      n = self%law%pads(lambda)*self%law%pad_signs(now%event_value)
       do k = 1, most_pads
         if (.not. abs(n(k)) > 0.0_wp) cycle
         watched%g(1 + k) = n(k)

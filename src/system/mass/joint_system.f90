@@ -73,7 +73,7 @@ contains
       associate (c => self%s%constraints(k)%item, x => ev%switches)
         associate (i => c%first)
           ev%rows%off(i) = .not. c%holds(x%state(c%switch_number))
-          ev%rows%phi(i) = merge(0.0_wp, ev%rows%phi(i) - x%memory(c%switch_number), ev%rows%off(i))
+          ev%rows%phi(i) = merge(0.0_wp, ev%rows%phi(i) - x%event_value(c%switch_number), ev%rows%off(i))
         end associate
       end associate
     end do

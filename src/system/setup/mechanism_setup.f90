@@ -77,7 +77,7 @@ contains
     allocate (ev%control(size(m%s%controllers)))
     allocate (ev%loss(m%s%term_losses), source=0.0_wp)
     allocate (ev%switches%state(m%s%elements), source=by_position)
-    allocate (ev%switches%memory(m%s%elements), source=0.0_wp)
+    allocate (ev%switches%event_value(m%s%elements), source=0.0_wp)
     call ev%p%allocate(size(m%s%markers))
     do k = 1, size(m%s%markers)
       if (m%s%markers(k)%body == 0) ev%p%r(:, k) = m%s%markers(k)%x
