@@ -174,15 +174,17 @@ def of_modes(figures: dict) -> Iterator[tuple[str, str]]:
         yield f"mode {pole['mode']}", f"{pole['frequency']:.4g} Hz, damping ratio {pole['damping_ratio']:.3g}"
 
 
-def materials(deck: Deck) -> list[tuple[str, Material, tuple[float, float]]]:
-    """Return name, modulus and band [Hz] of each viscoelastic material of a deck."""
+def materials(deck: Deck, temperatures: list[dict]) -> list[tuple[str, Material, tuple[float, float]]]:
+    """Return name, modulus and band [Hz] of each viscoelastic material of a deck, at its temperatures in the summary."""
     found = []
     for group in deck.all("material"):
-        law, band = of_group(group), group.numbers("band")
-        scale = group.number("ghm_frequency_scale", 1.0)
-        if law.internal_variables:
-            ends = (scale * band[0], scale * band[1]) if len(band) == 2 else (law.slowest_pole / 20.0, law.fastest_pole / 2.0)
-            found.append((group.name, law, ends))
+        states = [one for one in temperatures if one.get("material", "").split(" in ")[0].lower() == group.name]
+        for one in states or [{"times": 1.0, "modulus": 1.0}]:
+            law, band = of_group(group, one["times"], one["modulus"]), group.numbers("band")
+            scale = group.number("ghm_frequency_scale", 1.0) / one["times"]
+            if law.internal_variables:
+                ends = (scale * band[0], scale * band[1]) if len(band) == 2 else (law.slowest_pole / 20.0, law.fastest_pole / 2.0)
+                found.append((f"{one['material']} at {one['temperature']:g} °C" if states else group.name, law, ends))
     return found
 
 

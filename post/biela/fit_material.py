@@ -17,12 +17,12 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from . import material_data
 from .command import call_solver
+from .deck import Group, where_of
 from .deck import read as read_deck
-from .deck import where_of
 from .master_curve import MasterCurve, master_curve
 from .material_data import DataError, Measurements
 from .material_fit import NEAR, Fit, choose_terms, fit, relative_error, rms
-from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, of_group
+from .material_law import GHM_KEYS, MAXWELL_KEYS, SHIFT_KEYS, Material, moved, of_group, shift_keys
 from .picture_files import FORMATS, save, stem_of
 from .plot import COLOURS, LOOK
 from .progress import Progress
@@ -79,7 +79,7 @@ class MaterialFit:
     error: float  # root mean square of |E_fit/E - 1| over the rows [-]
     density: float | None  # [kg/m3], None where it was not given
     band: tuple[float, float]  # frequencies of the data [Hz]
-    scale: float  # ghm_frequency_scale of the temperature at which the material is used [-]
+    shift: str  # the deck's keys of the temperature
     # (label, frequencies [Hz], complex moduli [Pa]) of the measurements, at the reference temperature
     points: list[tuple[str, np.ndarray, np.ndarray]]
     notes: list[str]  # what the deck's comment says: source, errors by decade, shifts
@@ -93,7 +93,7 @@ class MaterialFit:
     @property
     def text(self) -> str:
         """The lines of a deck: comments, then the `&material` group."""
-        return material_lines(self.material, self.name, self.density or 1000.0, self.notes, self.band, self.scale)
+        return material_lines(self.material, self.name, self.density or 1000.0, self.notes, self.band, self.shift)
 
     def picture(self) -> plt.Figure:
         """Draw storage modulus, loss factor and the terms over frequency."""
@@ -113,11 +113,11 @@ class MaterialFit:
         return f"<pre>{html.escape(self.text)}</pre>"
 
 
-def read_material(source: Path, name: str | None, biela: Path) -> tuple[str, Material, float]:
-    """Return name, modulus and density of the deck's material; DeckError."""
+def read_material(source: Path, name: str | None, biela: Path) -> tuple[Group, tuple[float, float]]:
+    """Return the deck's material, a_T and b_T of its temperature; DeckError."""
     deck = read_deck(source, biela=biela)
     group = deck.one("material", (name or "").lower())
-    return group.word("name"), of_group(group), group.number("density")
+    return group, moved(group, deck)
 
 
 def chosen_fit(options: Options, frequency: np.ndarray, modulus: np.ndarray) -> tuple[Fit, list[str]]:
@@ -184,14 +184,12 @@ def outside_poles(material: Material, band: tuple[float, float]) -> list[str]:
 
 
 def material_lines(
-    material: Material, name: str, density: float | None, notes: list[str], band: tuple[float, float], scale: float
+    material: Material, name: str, density: float | None, notes: list[str], band: tuple[float, float], shift: str
 ) -> str:
     """Return the lines of a deck: comments, then the `&material` group."""
     values = material.assignments()
     lists = [f"          {key} = {values[key]}" for key in (*GHM_KEYS, *MAXWELL_KEYS) if key in values]
-    head = f"&material name='{name}' density={density:g} young={values['young']} band={band[0]:.6g},{band[1]:.6g}"
-    if scale != 1.0:
-        head += f" ghm_frequency_scale={scale:.6g}"
+    head = f"&material name='{name}' density={density:g} young={values['young']} band={band[0]:.6g},{band[1]:.6g}{shift}"
     return "\n".join([*(f"! {note}" for note in notes), "", "\n".join([head, *lists]) + " /"]) + "\n"
 
 
@@ -322,22 +320,27 @@ def fit_table(source: str | Path, options: Options) -> MaterialFit:
     frequency = curve.frequency if curve else data.frequency
     labels = [data.name(temperature) for temperature in data.temperatures] if curve else ["data"]
     points = [(label, frequency[data.group == k], data.modulus[data.group == k]) for k, label in enumerate(labels)]
-    scale = 1.0
-    if curve and options.temperature is not None:
-        scale = 10.0 ** -curve.shift(options.temperature + data.zero)
-        at = data.name(options.temperature + data.zero)
-        notes.append(f"for {at}: ghm_frequency_scale = {scale:.6g} multiplies rates and band")
+    shift, at = "", None if options.temperature is None else options.temperature + data.zero
+    if curve and at is not None:
+        notes.append(f"at {data.name(at)} times are {10.0 ** curve.shift(at):.4g} of these")
+    if curve and curve.law != "free":
+        shift = shift_keys(curve.law, curve.constants, curve.reference, at)
+    elif curve and at is not None:
+        shift = f" ghm_frequency_scale={10.0 ** -curve.shift(at):.6g}"
     notes += as_measured(data)
     options = replace(options, name=options.name or source.stem)
-    return fitted(options, source, points, notes, scale, curve)
+    return fitted(options, source, points, notes, shift, curve)
 
 
 def convert(source: Path, options: Options, biela: Path) -> MaterialFit:
     """Fit terms of another law to the modulus of a deck's material, over a band; DataError, DeckError."""
-    name, material, density = read_material(source, options.name, biela)
+    group, _ = read_material(source, options.name, biela)
+    material = of_group(group)
+    said = {key: ",".join(f"{value:.8g}" for value in group.numbers(key)) for key in SHIFT_KEYS}
+    shift = "".join(f" {key}={values}" for key, values in said.items() if values)
     frequency = np.logspace(*np.log10(options.band or band_of(material)), 120)
     points = [("as stated", frequency, material.modulus(frequency))]
-    return fitted(replace(options, name=name, density=density), source, points, [])
+    return fitted(replace(options, name=group.word("name"), density=group.number("density")), source, points, [], shift)
 
 
 def band_of(material: Material) -> tuple[float, float]:
@@ -347,9 +350,9 @@ def band_of(material: Material) -> tuple[float, float]:
 
 
 def fitted(
-    options: Options, source: Path, points: list, notes: list[str], scale: float = 1.0, curve: MasterCurve | None = None
+    options: Options, source: Path, points: list, notes: list[str], shift: str = "", curve: MasterCurve | None = None
 ) -> MaterialFit:
-    """Fit terms to points: label, frequencies [Hz], complex moduli [Pa]; scale: ghm_frequency_scale at the part's temperature."""
+    """Fit terms to points: label, frequencies [Hz], complex moduli [Pa]; shift: the deck's keys of the temperature."""
     frequency, modulus = (np.concatenate([one[k] for one in points]) for k in (1, 2))
     inside = np.ones(frequency.size, dtype=bool)
     if options.band:
@@ -378,7 +381,7 @@ def fitted(
         notes.append(f"warning: no fit reaches --target {options.target:g}, the best has {found.error:.3g}")
     if options.density is None:
         notes.append("no --density was given: set it before use")
-    return MaterialFit(material, options.name, found.error, options.density, band, scale, points, notes, curve)
+    return MaterialFit(material, options.name, found.error, options.density, band, shift, points, notes, curve)
 
 
 def work(args: argparse.Namespace) -> int:
@@ -418,7 +421,8 @@ def write(found: MaterialFit, stem: Path) -> tuple[Path, Path]:
 
 def show_material(args: argparse.Namespace) -> int:
     """Draw a deck's material and print its modulus; DataError, DeckError."""
-    name, material, _ = read_material(args.source, args.name, args.biela)
+    group, factors = read_material(args.source, args.name, args.biela)
+    name, material = group.word("name"), of_group(group, *factors)
     band = tuple(args.band or band_of(material))
     stem = args.output or args.source.with_name(f"{args.source.stem}_modulus")
     drawn = save(picture(material, f"{name}: {law_of(material)}", band, []), stem)

@@ -16,8 +16,8 @@ from scipy.optimize import approx_fprime, least_squares
 
 from .material_data import DataError, Measurements
 from .material_fit import rms, spectrum_misfit
+from .material_law import shift_factor
 
-GAS = 8.314462618  # molar gas constant [J/(mol K)]
 CONSTANTS = {"free": 1, "wlf": 2, "arrhenius": 1}  # shifts that have to be known for each law
 CONFIDENCE = 20.0  # least logarithm of the likelihood ratio, doubled, of an overlap beside none: 4.5 standard deviations
 BEYOND = 0.5  # decades beyond touching at which sets that stand apart are tried
@@ -46,13 +46,6 @@ class MasterCurve:
     def shift(self, temperature: float) -> float:
         """Return log10 a_T of a temperature between the measured ones [K]."""
         return float(_shifts(self.law, self.constants, self.temperatures, self.shifts, temperature, self.reference))
-
-
-def shift_factor(law: str, constants: np.ndarray, temperature: np.ndarray, reference: float) -> np.ndarray:
-    """Return log10 a_T of temperatures [K] by a law, 'wlf' or 'arrhenius', with its constants at the reference [K]."""
-    if law == "wlf":
-        return -constants[0] * (temperature - reference) / (constants[1] + temperature - reference)
-    return constants[0] * 1.0e3 / (GAS * np.log(10.0)) * (1.0 / temperature - 1.0 / reference)
 
 
 def _shifts(law: str, constants: np.ndarray, sets: np.ndarray, factors: np.ndarray, temperature, reference: float) -> np.ndarray:

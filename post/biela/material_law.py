@@ -11,11 +11,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .deck import DeckError, Group
+from .deck import Deck, DeckError, Group
 
 NONE = np.zeros(0)
 GHM_KEYS = ("ghm_alpha", "ghm_zeta", "ghm_omega")
 MAXWELL_KEYS = ("prony_alpha", "prony_tau")
+SHIFT_KEYS = ("wlf", "arrhenius", "vertical", "reference_temperature", "temperature")
+GAS = 8.314462618  # molar gas constant [J/(mol K)]
+ZERO = 273.15  # of the Celsius scale, in which decks state temperatures [K]
 
 
 @dataclass(frozen=True)
@@ -86,13 +89,38 @@ def maxwell_shapes(s: np.ndarray, tau: np.ndarray) -> np.ndarray:
     return s * tau / (1.0 + s * tau)
 
 
+def shift_factor(law: str, constants: np.ndarray, temperature: np.ndarray, reference: float) -> np.ndarray:
+    """Return log10 a_T of temperatures [K] by 'wlf' (C1 [-], C2 [K]) or 'arrhenius' ([kJ/mol]), with constants at the reference."""
+    if law == "wlf":
+        return -constants[0] * (temperature - reference) / (constants[1] + temperature - reference)
+    return constants[0] * 1.0e3 / (GAS * np.log(10.0)) * (1.0 / temperature - 1.0 / reference)
+
+
+def shift_keys(law: str, constants: np.ndarray, reference: float, temperature: float | None) -> str:
+    """Return what a deck says of a law of temperature; temperatures in kelvin, None where the deck's reader states it."""
+    said = f"wlf={constants[0]:.6g},{constants[1]:.6g}" if law == "wlf" else f"arrhenius={constants[0] * 1.0e3:.6g}"
+    at = "" if temperature is None else f" temperature={temperature - ZERO:.7g}"
+    return f" {said} reference_temperature={reference - ZERO:.7g}{at}"
+
+
+def moved(group: Group, deck: Deck) -> tuple[float, float]:
+    """Return a_T and b_T of a `&material` or `&spring`, at its own temperature, else that of `&scene`, else at its reference."""
+    reference = group.number("reference_temperature")
+    temperature = group.number("temperature", [*(one.number("temperature", reference) for one in deck.all("scene")), reference][0])
+    factor = 0.0
+    for law, scale in (("wlf", 1.0), ("arrhenius", 1.0e-3)):
+        if constants := group.numbers(law):
+            factor = shift_factor(law, scale * np.array(constants), temperature + ZERO, reference + ZERO)
+    return 10.0**factor, 1.0 + group.number("vertical") * (temperature - reference)
+
+
 def static_key(group: Group) -> str:
     """Return the name of the static modulus of a `&material`, or of the static stiffness of a `&spring`."""
     return "stiffness" if group.kind == "spring" else "young"
 
 
-def of_group(group: Group) -> Material:
-    """Return the modulus of a `&material` group of a deck, the stiffness of a `&spring`; DeckError where its lists do not fit."""
+def of_group(group: Group, times: float = 1.0, stiffer: float = 1.0) -> Material:
+    """Return the modulus of a `&material`, the stiffness of a `&spring`, at a_T and b_T; DeckError where its lists do not fit."""
     ghm = [np.array(group.numbers(key)) for key in GHM_KEYS]
     maxwell = [np.array(group.numbers(key)) for key in MAXWELL_KEYS]
     if len({values.size for values in ghm}) > 1 or len({values.size for values in maxwell}) > 1:
@@ -101,6 +129,6 @@ def of_group(group: Group) -> Material:
     young = group.number(static)
     if young <= 0.0 or any((values <= 0.0).any() for values in (*ghm, *maxwell)):
         raise DeckError(f"&{group.kind} {group.name}: {static} and all terms have to be positive")
-    scale = group.number("ghm_frequency_scale", 1.0)
+    scale = group.number("ghm_frequency_scale", 1.0) / times
     ghm[2], maxwell[1] = ghm[2] * scale, maxwell[1] / scale
-    return Material(young, *ghm, *maxwell)
+    return Material(young * stiffer, *ghm, *maxwell)

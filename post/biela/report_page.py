@@ -217,7 +217,7 @@ def results(runs: list[Run]) -> Section:
     for run in runs:
         poles = run.figures.get("modes", {}).get("poles", [])
         frequencies = [pole["frequency"] for pole in poles if pole["kind"] == "damped" and pole["frequency"] > 0.0]
-        for name, law, band in engineering.materials(deck_of(run)):
+        for name, law, band in engineering.materials(deck_of(run), run.figures["model"].get("temperatures", [])):
             modulus = name, str(law), band, frequencies
             if modulus not in drawn_moduli:  # two runs often have the same material
                 drawn_moduli.append(modulus)

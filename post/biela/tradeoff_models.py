@@ -14,7 +14,7 @@ import numpy as np
 
 from .deck import Deck, DeckError, Group
 from .material_fit import fit, relative_error
-from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, of_group, static_key
+from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, moved, of_group, static_key
 
 MODAL = ("modes", "static_shapes")  # taken away together: nodal coordinates have no static shapes
 NODE_KEYS = (("node_a", "body_a"), ("node_b", "body_b"), ("node", "body"))
@@ -209,7 +209,8 @@ def removals(deck: Deck, asked: set[str], highest: float, target: float) -> list
     used = {name for body in deck.all("body") if is_flexible(body) and body.flag("viscoelastic", True) for name in _materials(body)}
     for group in deck.all("material", "spring"):
         if group.kind == "spring" or group.name in used:
-            found += [Change(group.name, what, deck.set(group, **values)) for what, values in _term_changes(group, highest, target)]
+            known = max(1.0, moved(group, deck)[0]) * highest  # terms stay those of the reference
+            found += [Change(group.name, what, deck.set(group, **values)) for what, values in _term_changes(group, known, target)]
     return found
 
 

@@ -1,6 +1,7 @@
 !> Tells where an analysis leaves the band of frequencies in which the modulus of a material is known (`band` of &material).
 module material_band
   use kinds, only: wp, pi
+  use deck_temperature, only: material_name
   use scene_run, only: run_state
   use text, only: es_text, fixed_text, to_text
   implicit none (type, external)
@@ -19,7 +20,7 @@ contains
     integer :: b, k
     text = ''
     do k = 1, size(run%d%materials)
-      associate (band => run%d%materials(k)%band)
+      associate (band => run%d%materials(k)%band/run%d%materials(k)%law%slower)
         outside = frequencies < band(1) .or. frequencies > band(2)
         if (.not. any(outside) .or. .not. any([(feels(run, b, k), b=1, size(run%d%bodies))])) cycle
         text = text//warning(run, k, to_text(count(outside))//' of '//to_text(size(frequencies))//' '//what//', from '// &
@@ -40,7 +41,7 @@ contains
         if (.not. feels(run, b, k)) cycle
         f = run%watch%elastic_frequency(run%sys%m, b)/(2*pi)
         if (.not. f > 0.0_wp) cycle
-        associate (band => run%d%materials(k)%band)
+        associate (band => run%d%materials(k)%band/run%d%materials(k)%law%slower)
           ! what lasts less than a period of the band's end looks faster than it is
           if (f < band(1) .or. (f > band(2) .and. run%sys%ev%t*band(2) >= 1.0_wp)) then
             text = text//warning(run, k, 'the elastic motion of body "'//trim(run%d%bodies(b)%name)//'", '//figure(f)// &
@@ -68,8 +69,8 @@ contains
     character(*), intent(in) :: what              !! what lies outside
     character(:), allocatable :: text
     associate (m => run%d%materials(k))
-      text = what//' outside the band of material "'//trim(m%name)//'", '//figure(m%band(1))//' to '// &
-             figure(m%band(2))//' Hz: its modulus is not known there'//new_line('a')
+      text = what//' outside the band of material "'//trim(material_name(run%d, k))//'", '//figure(m%band(1)/m%law%slower)// &
+             ' to '//figure(m%band(2)/m%law%slower)//' Hz: its modulus is not known there'//new_line('a')
     end associate
   end function warning
 

@@ -5,6 +5,7 @@ module typical_mistakes
   use acting_markers, only: list_markers
   use deck_origin, only: origin
   use deck_records, only: deck, marker_record
+  use deck_temperature, only: has_shift, material_used
   use posix, only: tell
   use text, only: quoted, to_text
   implicit none (type, external)
@@ -23,6 +24,7 @@ contains
     type(deck), intent(in) :: d
     logical, intent(in) :: check          !! a deck that is only checked needs no analysis
     call idle_parts(d)
+    call idle_temperatures(d)
     call odd_materials(d)
     call degrees(d)
     call millimetres(d)
@@ -49,6 +51,21 @@ contains
       'accuracy and floor are those of a &transient with accuracy: nothing uses them here')
     call warn_if(max(d%lumps%mass, d%lumps%inertia) <= 0.0_wp, d%lumps%at, 'mass and inertia are 0: it adds nothing')
   end subroutine idle_parts
+
+  !> Temperatures on which nothing depends, laws that move no times.
+  subroutine idle_temperatures(d)
+    type(deck), intent(in) :: d
+    character(*), parameter :: idle = 'temperature changes nothing: no material of it has wlf, arrhenius or vertical'
+    logical :: moves(size(d%materials))
+    integer :: k
+    moves = has_shift(d%materials%law)
+    call warn_if(d%scene%temperature < huge(1.0_wp) .and. .not. (any(moves) .or. any(has_shift(d%springs%law))), d%scene%at, idle)
+    if (.not. any(d%bodies%temperature < huge(1.0_wp))) return
+    moves = [(moves(k) .and. material_used(d, k), k=1, size(moves))]
+    do k = 1, size(d%bodies)
+      call warn_if(d%bodies(k)%temperature < huge(1.0_wp) .and. .not. any(moves .and. d%materials%body == k), d%bodies(k)%at, idle)
+    end do
+  end subroutine idle_temperatures
 
   !> Materials of flexible bodies whose speed of sound is that of no solid.
   subroutine odd_materials(d)

@@ -203,7 +203,7 @@ contains
         g%ea_l = young*s%area/g%length
         g%ei_l = young*s%inertia/g%length
         g%ray_m = m%rayleigh_mass
-        g%ray_k = m%rayleigh_stiffness
+        g%ray_k = m%law%slower*m%rayleigh_stiffness
         g%material = r%element_material(e)
         g%fibre = s%fibre
         g%area = s%area

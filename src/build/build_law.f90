@@ -8,10 +8,11 @@ module build_law
 
 contains
 
-  !> The terms of all laws that the record states, which act together.
+  !> The terms of all laws that the record states, which act together, at its temperature: E(s, T) = b_T E(a_T s), so that a term
+  !> keeps its weight and damping ratio, and its times are a_T times as long (theory.md, section 5).
   pure type(viscoelastic_terms) function law_of(r) result(law)
     type(law_record), intent(in) :: r
-    law = ghm_terms(r%ghm_alpha, r%ghm_zeta, r%ghm_omega)
-    law = law%combined(maxwell_terms(r%prony_alpha, r%prony_tau))
+    law = ghm_terms(r%ghm_alpha, r%ghm_zeta, r%ghm_omega/r%slower)
+    law = law%combined(maxwell_terms(r%prony_alpha, r%slower*r%prony_tau))
   end function law_of
 end module build_law

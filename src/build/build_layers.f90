@@ -144,8 +144,8 @@ contains
     s%core_stretch = r%core_stretch
     allocate (s%layers(size(r%layers)))
     do l = 1, size(r%layers)
-      associate (m => materials(r%layers(l)), h => r%thickness(l))
-        s%layers(l) = layer_of(m, r%layers(l), body)
+      associate (m => materials(r%layers(l) + body%own_materials), h => r%thickness(l))
+        s%layers(l) = layer_of(m, r%layers(l) + body%own_materials, body)
         s%layers(l)%core = max(0, findloc(r%cores, l, 1))
         s%layers(l)%thickness = h
         s%layers(l)%area = r%width*h
@@ -192,7 +192,7 @@ contains
     layer%density = m%density
     layer%young = elastic_modulus(m, body)
     layer%ray_m = m%rayleigh_mass
-    layer%ray_k = m%rayleigh_stiffness
+    layer%ray_k = m%law%slower*m%rayleigh_stiffness
   end function layer_of
 
   !> E_R, or the storage modulus that a body without terms keeps of it.
@@ -200,7 +200,7 @@ contains
     type(material_record), intent(in) :: m
     type(body_record), intent(in) :: body
     type(viscoelastic_terms) :: law
-    young = m%young
+    young = m%law%stiffer*m%young
     if (body%viscoelastic) return
     law = law_of(m%law)
     young = young*(1 + real(law%ratio(cmplx(0.0_wp, 2*pi*body%modulus_at, wp)), wp))

@@ -115,8 +115,8 @@ contains
     sp%name = r%name
     sp%group = 'spring'
     sp%angular = sp%measure%angular
-    sp%stiffness = r%stiffness
-    sp%damping = r%damping
+    sp%stiffness = r%law%stiffer*r%stiffness
+    sp%damping = r%law%stiffer*r%law%slower*r%damping
     sp%measure%datum = r%free
     sp%measure%pending = .not. r%has_free
     sp%law = law_of(r%law)

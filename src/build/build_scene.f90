@@ -11,6 +11,7 @@ module build_scene
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use sorting, only: sort_by_number
   use deck_records, only: deck
+  use deck_temperature, only: material_name
   use internal_variables, only: internal_state
   use number_range, only: check_laws, check_distances
   use repeating_histories, only: check_repeating
@@ -27,8 +28,9 @@ contains
     type(deck), intent(in) :: d
     type(scene), intent(out) :: s
     type(fault_list), intent(inout) :: faults
+    integer :: k
     s%title = d%scene%title
-    s%materials = d%materials%name
+    s%materials = [(material_name(d, k), k=1, size(d%materials))]
     s%gravity = d%scene%gravity
     call check_laws(d, faults)
     if (faults%count > 0) return

@@ -35,7 +35,7 @@ function list(name, type, items,   k, line) {
 }
 function constant(k,   low, high, words, n, part, mask, j) {
   low = "-huge"; high = "huge"; words = plain[k] ~ /^&/ ? type[k] : range[k]
-  if (plain[k] ~ /real|integer|auto/) {
+  if (plain[k] ~ /real|pair|integer|auto/) {
     n = split(range[k], part, " "); words = ""
     if (part[2] == "to") { low = part[1]; high = part[3] } else if (n > 0) low = part[2]
     if (n == 4) high = part[4]

@@ -4,7 +4,9 @@ module summary
   use assembly_reports, only: assembly_report
   use body, only: body_model
   use controller, only: delay_limit
+  use deck_parts, only: law_record
   use deck_records, only: deck
+  use deck_temperature, only: has_shift, material_name, material_used
   use mechanism, only: mechanism_model
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
@@ -43,6 +45,7 @@ contains
       call body_line(m%s%bodies(k), k)
     end do
     call text%close()
+    call temperature_lines(d, text)
     associate (s => m%s, terms => m%s%nz - sum(m%s%controllers%states))
       call text%line('  coordinates: {frame_coordinates #} of frames + {elastic_coordinates #} elastic = {coordinates #}', &
                      [real(wp) :: 3*size(s%bodies), s%nq - 3*size(s%bodies), s%nq])
@@ -99,6 +102,41 @@ contains
       call text%close()
     end subroutine body_line
   end subroutine model_lines
+
+  !> What depends on a temperature, and how; viscoelastic materials that do not, where others do.
+  subroutine temperature_lines(d, text)
+    type(deck), intent(in) :: d
+    type(summary_record), intent(inout) :: text
+    logical :: moves(size(d%materials)), used(size(d%materials))
+    integer :: k
+    moves = has_shift(d%materials%law)
+    if (.not. (any(moves) .or. any(has_shift(d%springs%law)))) return
+    used = [(material_used(d, k), k=1, size(d%materials))]
+    moves = moves .and. used
+    call text%open('temperatures', '[')
+    do k = 1, size(d%materials)
+      if (moves(k)) call one_line_of('material', trim(material_name(d, k)), d%materials(k)%law)
+    end do
+    do k = 1, size(d%springs)
+      if (has_shift(d%springs(k)%law)) call one_line_of('spring', trim(d%springs(k)%name), d%springs(k)%law)
+    end do
+    call text%close()
+    do k = 1, size(d%materials)
+      associate (law => d%materials(k)%law)
+        if (used(k) .and. .not. moves(k) .and. size(law%ghm_alpha) + size(law%prony_alpha) > 0) call text%line( &
+          '  note: the terms of material "'//trim(material_name(d, k))//'" depend on no temperature')
+      end associate
+    end do
+  contains
+    !> One material or spring.
+    subroutine one_line_of(kind, name, law)
+      character(*), intent(in) :: kind, name
+      type(law_record), intent(in) :: law
+      call text%item('  '//kind//' "{'//kind//'='//name//'}" at {temperature} C: times are {times 4} of those at '// &
+                     '{reference_temperature} C, '//either('modulus', 'stiffness', kind == 'material')//' {modulus 4}', &
+                     [law%temperature, law%slower, law%reference, law%stiffer])
+    end subroutine one_line_of
+  end subroutine temperature_lines
 
   !> States of the controllers, and how far the approximations of delays go.
   subroutine control_lines(m, text)

@@ -8,6 +8,7 @@ module deck_joints
   use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record, force_record, &
     stop_record
   use deck_take, only: take
+  use deck_temperature, only: check_shift
   implicit none (type, external)
   private
   public :: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
@@ -79,6 +80,8 @@ contains
     call deck%forbid_both('stiffness', 'characteristic', ': a characteristic is the force over the deformation')
     s%has_free = deck%is_set('free_length') .or. deck%is_set('free_angle')
     call check_law(deck, s%law)
+    call check_shift(deck)
+    call deck%forbid_both('characteristic', 'vertical', ': a characteristic does not depend on the temperature')
     if (deck%is_given('characteristic') .and. size(s%law%ghm_alpha) + size(s%law%prony_alpha) > 0) call deck%complain( &
       'characteristic', 'GHM and Maxwell terms follow a constant stiffness and do not go with a characteristic, expected them '// &
       'in a second spring between the same markers')

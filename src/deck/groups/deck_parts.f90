@@ -20,6 +20,13 @@ module deck_parts
     real(wp), allocatable :: ghm_omega(:)    !! [rad/s], ghm_frequency_scale already applied
     real(wp), allocatable :: prony_alpha(:)  !! [-]
     real(wp), allocatable :: prony_tau(:)    !! [s], ghm_frequency_scale already applied
+    real(wp) :: wlf(2) = 0.0_wp              !! C1 [-], C2 [K]; 0: no such law
+    real(wp) :: arrhenius = 0.0_wp           !! activation energy, 0: no such law [J/mol]
+    real(wp) :: vertical = 0.0_wp            !! change of the modulus [1/K]
+    real(wp) :: reference = 0.0_wp           !! temperature of what the group states [C]
+    real(wp) :: temperature = huge(1.0_wp)   !! at which it is used; huge: the reference [C]
+    real(wp) :: slower = 1.0_wp              !! a_T: times at that temperature over those of the group [-]
+    real(wp) :: stiffer = 1.0_wp             !! b_T: the same of modulus or stiffness [-]
   end type law_record
 
   !> A column of a sensor that is a quantity of motion, as other groups name it: `tip.x`.

@@ -8,6 +8,7 @@ module deck_properties
   use deck_parameters, only: parameter_value
   use deck_records, only: law_record, parameter_record, material_record, section_record
   use deck_take, only: take
+  use deck_temperature, only: check_shift
   implicit none (type, external)
   private
   public :: read_parameter, read_material, read_section, check_law
@@ -45,6 +46,7 @@ contains
     call deck%forbid_both('young', 'shear_modulus', ': one gives the other with poisson')
     if (deck%is_set('shear_modulus')) m%young = 2*(1 + m%poisson)*m%shear_modulus
     call check_law(deck, m%law)
+    call check_shift(deck)
     if (deck%is_given('ghm_frequency_scale') .and. .not. (deck%is_given('ghm_omega') .or. &
       deck%is_given('prony_tau'))) call deck%complain('ghm_frequency_scale', 'ghm_frequency_scale has no effect on an elastic '// &
       'material, expected ghm_alpha, ghm_zeta and ghm_omega, or prony_alpha and prony_tau')

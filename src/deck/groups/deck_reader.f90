@@ -28,6 +28,7 @@ module deck_reader
   use deck_periodic, only: read_periodic, check_periodic
   use deck_sensors, only: read_sensor
   use deck_take, only: take
+  use deck_temperature, only: set_temperatures
   use deck_transient, only: read_transient
   implicit none (type, external)
   private
@@ -81,6 +82,7 @@ contains
     call find_arguments()
     call check_controllers(d, source)
     call check_histories(source, d%histories, d%transient%t_end)
+    call set_temperatures(d, source%faults)
     call list_settings()
     d%text = text%all()//table_files(d%histories)//d%settings
     needed = .true.

@@ -4,17 +4,21 @@ module deck_records
   use kinds, only: wp, ip
   use deck_parts, only: column_record, law_record, marker_record
   use deck_values, only: body_values, controller_record, drive_record, force_record, history_values, joint_values, lump_record, &
-    material_record, modal_record, parameter_values, periodic_values, response_record, scene_record, section_values, &
+    material_values, modal_record, parameter_values, periodic_values, response_record, scene_record, section_values, &
     sensor_values, spring_values, static_record, stop_values, transient_values
   implicit none (type, external)
   private
   public :: column_record, controller_record, drive_record, force_record, law_record, lump_record, marker_record, &
-    material_record, modal_record, response_record, scene_record, static_record
+    modal_record, response_record, scene_record, static_record
 
   type, extends(parameter_values), public :: parameter_record
     logical :: set = .false.                 !! the command line or an &include sets it, not its own group
     logical :: used = .false.                !! an expression names it
   end type parameter_record
+
+  type, extends(material_values), public :: material_record
+    integer :: body = 0                      !! that has the material at a temperature of its own; 0: the material of the deck
+  end type material_record
 
   type, extends(section_values), public :: section_record
     real(wp) :: fibre = 0.0_wp               !! distance of the outer fibre from the axis [m], 0: section without a shape
@@ -24,6 +28,7 @@ module deck_records
     logical :: velocity_stated = .false.
     logical :: angular_velocity_stated = .false.
     integer :: nodes = 0                     !! beam and frame: number of nodes; rigid: 0
+    integer :: own_materials = 0             !! place before its copies of all materials, at its temperature; 0: it has none
     integer, allocatable :: element_nodes(:, :)   !! frame: (2, elements)
   end type body_record
 

@@ -7,7 +7,7 @@ module deck_key
   private
   public :: in_range, is_whole, range_text, expectation, kinds_text, word_number, split
 
-  integer, parameter, public :: longest_word = 20   !! letters of the longest key, and of the longest word that one may have
+  integer, parameter, public :: longest_word = 21   !! letters of the longest key, and of the longest word that one may have
 
   !> One row of the table.
   type, public :: key
