@@ -292,6 +292,8 @@ def read_summary(folder: str | Path) -> dict:
 def _why_missing(path: Path) -> str:
     """Return what may be the reason why a results file is not there, from what else its folder holds."""
     others = [name for name in RESULT_FILES.values() if (path.parent / name).is_file()]
+    if path.suffix == ".csv":
+        return "a table with names on its first line is expected there"
     if path.name not in RESULT_FILES.values() or not others:
         return "has the run been made?"
     if path.name == "motion.txt" and "history.txt" in others:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import math
 import shutil
 import time
@@ -13,6 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from .deck import Deck
+from .mode_following import Followed
 from .progress import Progress
 from .result_files import HistoryError
 from .sweep_run import Batch, Row, common_settings, end_with_parent, run_batch, settings_of
@@ -108,18 +110,6 @@ def batches(
         yield Batch(str(options.biela.resolve()), str(study.deck), some, study.scalars, keep, *how)
 
 
-def _on_worker(folder: str, batch: bytes) -> list[Row]:
-    """Run a batch on a Dask worker, which may never have seen this package."""
-    import pickle
-    import sys
-
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
-    from biela.sweep_run import run_batch
-
-    return run_batch(pickle.loads(batch))
-
-
 def executor(options: StudyOptions) -> Executor:
     """Return what runs batches: this machine's cores, or a Dask scheduler; HistoryError where there is none."""
     if not options.scheduler:
@@ -129,6 +119,7 @@ def executor(options: StudyOptions) -> Executor:
     except ImportError:
         raise HistoryError("--scheduler needs the package distributed: pip install 'dask[distributed]'") from None
     try:
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told here
         return Client(options.scheduler, timeout="10s").get_executor(pure=False, retries=5)
     except OSError as fault:
         raise HistoryError(f"--scheduler {options.scheduler}: no scheduler answers ({fault})") from None
@@ -140,7 +131,29 @@ def submit(pool: Executor, batch: Batch, options: StudyOptions) -> Future:
         return pool.submit(run_batch, batch)
     import pickle
 
-    return pool.submit(_on_worker, str(FOLDER), pickle.dumps(batch))
+    def on_worker(folder: str, words: bytes) -> list[Row]:
+        """Run a batch where this package may never have been seen; within a function, so that it is sent as code, not by name."""
+        import pickle
+        import sys
+
+        if folder not in sys.path:
+            sys.path.insert(0, folder)
+        from biela.sweep_run import run_batch
+
+        return run_batch(pickle.loads(words))
+
+    return pool.submit(on_worker, str(FOLDER), pickle.dumps(batch))
+
+
+def rows_of(future: Future) -> list[Row]:
+    """Return what a batch gave; HistoryError where its worker has ended."""
+    try:
+        return future.result()
+    except OSError:
+        raise
+    except Exception as fault:  # of the pool, or of Dask: a worker that was killed, another version of Python
+        words = str(fault).strip().partition("\n")[0] or type(fault).__name__
+        raise HistoryError(f"a worker does not go on ({words}); the same command continues") from None
 
 
 def begin_kept(folder: Path, found: list[str], keep: bool) -> None:
@@ -164,6 +177,7 @@ class StudyRuns:
         self.text = deck.flat(options.biela)
         self.progress = Progress(options.shown)
         self.pool: Executor | None = None
+        self.followed = Followed(study)
         self.digest = ""
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -181,7 +195,8 @@ class StudyRuns:
 
     def entries(self, study: Study) -> list[dict]:
         """Return what the journal has of the study's points, missing runs are made; errors are those of `run_all`."""
-        return self.run_all(study, [settings_of(study, point) for point in study.points])
+        found = self.run_all(study, [settings_of(study, point) for point in study.points])
+        return self.followed.take(study, found) if any(one.mode for one in study.scalars) else found
 
     def run_all(self, study: Study, runs: list[tuple[str, ...]]) -> list[dict]:
         """Make runs (NAME=VALUE of each) that the journal lacks; return all; HistoryError: Ctrl-C, solver or journal fail."""
@@ -209,7 +224,7 @@ class StudyRuns:
                     return [self.journal.done[key] for key in found]
                 finished, running = wait(running, return_when=FIRST_COMPLETED)
                 for future in finished:
-                    rows = future.result()
+                    rows = rows_of(future)
                     self.journal.add({found[row.number]: row for row in rows})
                     done += len(rows)
                 left = (time.monotonic() - begun) / max(done, 1) * (len(wanted) - done)

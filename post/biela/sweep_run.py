@@ -53,6 +53,7 @@ class Row:
     errors: list[float] = field(default_factory=list)  # of the values, where they were measured
     # from what was measured, of each misfit, where extremes were asked for
     differences: list[list[float]] = field(default_factory=list)
+    modes: list[list] = field(default_factory=list)  # of vibrations, where one is followed
 
 
 def common_settings(study: Study, deck: Deck, only_used: bool) -> tuple[str, ...]:
@@ -136,7 +137,7 @@ def _row(number: int, results: Path, deck: Path, batch: Batch, stopped: str) -> 
         try:
             found = batch.measured.of(results) if batch.measured else measure(results, batch.scalars, batch.extremes, batch.check)
             extremes = found.extremes if batch.extremes else []
-            return Row(number, found.values, found.units, "", extremes, found.errors, found.differences)
+            return Row(number, found.values, found.units, "", extremes, found.errors, found.differences, found.modes)
         except ValueError as fault:
             reason = str(fault)
     return Row(number, [], [], reason)

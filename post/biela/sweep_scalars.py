@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,7 @@ HEAD = re.compile(rb"(?:#.*\n)*")
 MEASURES = ("peak", "rms", "range", "min", "max", "mean", "final", "value")
 MEASURES += ("decay_rate", "settling_time", "spectral_peak", "order", "damage", "misfit", "mass", "summary")
 OF_MODE = ("frequency", "damping_ratio")
+FURTHER = 6  # vibrations that are looked at besides twice as many as a mode's number
 MEASURES += OF_MODE
 LARGEST = ("peak", "max", "min")  # the measures that are the largest of several extremes
 EXTREMES = 6  # of a column that are listed, the largest first
@@ -140,7 +141,9 @@ class Scalar:
         """Return axis and column of the rows that count; angle: of `period` [rad]; ValueError: too few periods."""
         inside = (axis >= self.start) & (axis <= self.end)
         axis, values = axis[inside], values[inside]
-        if not self.period or not values.size:
+        if not values.size:
+            raise ValueError(f"no row from {self.start:g} to {self.end:g}")
+        if not self.period:
             return axis, values
         first = first_of_whole(axis / self.period if angle is None else angle[inside] / (2.0 * np.pi), axis, self.periods)
         later = axis > first + EDGE * np.ptp(axis)
@@ -152,8 +155,6 @@ class Scalar:
             return float(np.sqrt(np.mean(np.square(self.differences(axis, values)))))
         all_rows = axis
         axis, values = self.rows(axis, values, angle)
-        if not values.size:
-            return np.nan
         if self.measure == "order":
             turn = axis / (self.period or np.ptp(axis)) if angle is None else np.interp(axis, all_rows, angle) / (2.0 * np.pi)
             places, sizes = orders(turn, values)
@@ -348,6 +349,7 @@ class Measured:
     extremes: list[list[tuple[float, float]]]
     errors: list[float]  # of the values, as the run's own `check_error` and the digits of its files tell, where that was asked for
     differences: list[list[float]]  # from what was measured, of each misfit, where the extremes were asked for
+    modes: list[list] = field(default_factory=list)  # frequency [Hz], damping ratio and shape of vibrations, where one is followed
 
 
 def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, errors: bool = False) -> Measured:
@@ -358,6 +360,8 @@ def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, e
             wanted.setdefault(scalar.file, set()).update(scalar.columns)
     tables = {file: _read_columns(folder / FILES[file], columns) for file, columns in wanted.items()}
     found = Measured([], [], [], [], [])
+    if numbers_of_modes := [one.mode for one in scalars if one.mode]:
+        found.modes.extend(_modes(folder, 2 * max(numbers_of_modes) + FURTHER))
     for scalar in scalars:
         if scalar.of_summary:
             found.values.append(_summary_figure(folder, scalar.path))
@@ -365,7 +369,7 @@ def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, e
             found.extremes.append([])
             continue
         if scalar.mode:
-            found.values.append(_of_mode(folder, scalar))
+            found.values.append(np.nan)
             found.units.append(scalar.unit("", ""))
             found.extremes.append([])
             continue
@@ -390,31 +394,19 @@ def _values(scalar: Scalar, table: tuple) -> tuple[np.ndarray, np.ndarray | None
     return columns[scalar.column], columns[scalar.period] if isinstance(scalar.period, str) else None
 
 
-def _of_mode(folder: Path, scalar: Scalar) -> float:
-    """Return frequency [Hz] or damping ratio of the vibration whose shape is most like that of the scalar; else of its number.
+def _modes(folder: Path, most: int) -> list[list]:
+    """Return frequency [Hz], damping ratio and shape of the lowest vibrations of a run, of which `mode_following` takes its own.
 
-    Likeness is the modal assurance criterion (Allemang & Brown 1982) of the displacements of frames and nodes. Of orthogonal
-    shapes one alone is more than half like another. ValueError where none is: which of them it has become is not known.
+    Of a shape stand real and imaginary parts in turn, to a ten-thousandth of the largest. ValueError where there are no modes.
     """
     try:
         table = read(folder, "modes")
         rows, shapes = vibrations(table)
     except HistoryError as fault:
         raise ValueError(str(fault)) from None
-    if scalar.shape:
-        followed = np.array(scalar.shape[::2]) + 1j * np.array(scalar.shape[1::2])
-        if shapes.shape[1:] != followed.shape:
-            raise ValueError("modes.txt: other bodies or meshes than the study's deck, whose shapes cannot be followed")
-        sizes = np.linalg.norm(shapes, axis=1) * np.linalg.norm(followed)
-        likeness = (np.abs(shapes.conj() @ followed) / np.where(sizes > 0.0, sizes, 1.0)) ** 2
-        if likeness.max() < 0.5:
-            raise ValueError(f"no vibration is like mode {scalar.mode} of the study's deck (the nearest by {likeness.max():.2g})")
-        row = rows[int(np.argmax(likeness))]
-    elif scalar.mode <= len(rows):
-        row = rows[scalar.mode - 1]
-    else:
-        raise ValueError(f"modes.txt has {len(rows)} vibrations, no number {scalar.mode}")
-    return float(table[scalar.measure][row])
+    parts = [np.stack([shape.real, shape.imag], axis=1).ravel() for shape in shapes[:most]]
+    shown = [np.round(part / (np.abs(part).max(initial=0.0) or 1.0), 4).tolist() for part in parts]
+    return [[float(table["frequency"][row]), float(table["damping_ratio"][row]), part] for row, part in zip(rows, shown)]
 
 
 def vibrations(table: History) -> tuple[np.ndarray, np.ndarray]:

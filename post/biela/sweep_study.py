@@ -34,7 +34,7 @@ from pathlib import Path
 import numpy as np
 
 from .histories import read as read_table
-from .result_files import BielaError
+from .result_files import BielaError, HistoryError
 from .sweep_scalars import Scalar
 
 if sys.version_info >= (3, 11):
@@ -309,9 +309,12 @@ def _scalar(entry: dict, folder: Path) -> Scalar:
     options = {{"from": "start", "to": "end", "unit": "stated_unit"}.get(key, key): value for key, value in entry.items()}
     try:
         if "data" in options:
-            options["measured"] = _measured(folder / options.pop("data"), options.pop("data_column", options.get("column", "")))
+            file, column = options.pop("data"), options.pop("data_column", options.get("column", ""))
+            if not isinstance(file, str) or not isinstance(column, str):
+                raise ValueError("data = 'FILE.csv' and data_column = 'NAME' expected")
+            options["measured"] = _measured(folder / file, column)
         return Scalar(**options)
-    except (TypeError, ValueError) as fault:
+    except (TypeError, ValueError, HistoryError) as fault:
         raise StudyError(f"[[result]] {entry.get('name', '')}: {fault}") from None
 
 

@@ -128,7 +128,8 @@ def _with_shapes(scalars: tuple[Scalar, ...], deck: Deck, biela: Path) -> tuple[
         try:
             _, shapes = vibrations(histories.read(folder, "modes"))
         except HistoryError:
-            words = (done.stderr.strip().splitlines() or ["it has no &modal"])[0].removeprefix(f"{folder}/")
+            lines = [line for line in done.stderr.splitlines() if ": warning: " not in line]
+            words = (lines or ["it has no &modal"])[0].removeprefix(f"{folder}/")
             raise StudyError(f"measure = 'frequency' or 'damping_ratio': the deck has no modes to follow: {words}") from None
     most = max(one.mode for one in scalars)
     if most > len(shapes):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import study_runs, sweep_scalars, sweep_study
+from biela import mode_following, study_runs, sweep_scalars, sweep_study
 from biela.histories import read
 from biela.programs import sweep as sweep_command
 from biela.sweep_scalars import Scalar
@@ -268,6 +268,18 @@ def test_a_vibration_is_followed_by_its_shape(study, capsys):
         assert told in capsys.readouterr().err
 
 
+def test_a_vibration_is_followed_from_design_to_design(study):
+    """The same masses with 200 N/m between them: the lowest one moves from the one to the other where the springs are alike."""
+    coupled = "&spring name='ab' type='linear' body_a='a' body_b='b' point_b=-1,-1 stiffness=200 free_length=1 /\n"
+    still = OSCILLATORS.replace("damping=0.4 ", "").replace("damping=3 ", "")
+    Path("arm.nml").write_text(still + coupled, encoding="utf-8")
+    text = "deck = 'arm.nml'\n[[parameter]]\nname = 'k'\nfrom = 300.0\nto = 2000.0\npoints = 18\n"
+    status, rows = study(text + "[[result]]\nname = 'f'\nmeasure = 'frequency'\nmode = 1\n", "--no-pictures")
+    assert status == 0
+    lowest = [np.linalg.eigvalsh([[float(row["k"]) + 200.0, -200.0], [-200.0, 1100.0]])[0] for row in rows]
+    np.testing.assert_allclose([float(row["f[Hz]"]) for row in rows], np.sqrt(lowest) / (2.0 * np.pi), rtol=1.0e-9)
+
+
 DUFFING = """&parameter name='w' value=1.0 /
 &scene /
 &body name='mass' mass=1 inertia=1 position=0,0 /
@@ -308,8 +320,12 @@ def test_a_shape_that_no_vibration_has_is_told(run_deck):
     across[1] = 1.0  # no mass moves that way
     mixed = shapes[0] / np.linalg.norm(shapes[0]) + 1.5 * across
     parts = tuple(float(x) for value in mixed for x in (value.real, value.imag))
-    with pytest.raises(ValueError, match=r"no vibration is like mode 1 of the study's deck \(the nearest by 0\.31\)"):
-        sweep_scalars.measure(run.folder, (Scalar("f", "frequency", mode=1, shape=parts),))
+    scalars = (Scalar("f", "frequency", mode=1, shape=parts),)
+    wanted = sweep_study.Study("s", run.folder, (), scalars, ({},))
+    entry = {"reason": "", "values": [np.nan], "units": ["Hz"], "modes": sweep_scalars.measure(run.folder, scalars).modes}
+    (told,) = mode_following.Followed(wanted).take(wanted, [entry])
+    assert told["reason"] == "no vibration is like mode 1 of the design nearest to this one (at most 0.31 of 1)"
+    assert told["values"] == []
 
 
 def test_solvers_end_with_a_sweep_that_is_killed(study, biela, tmp_path):
