@@ -157,6 +157,8 @@ def losses(table: History, transient: dict) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
     for one in transient.get("losses", []):
         cause = f"spring {one['spring']}" if "spring" in one else f"material {one['material']}"
+        if "layer" in one:
+            cause = f"layer {one['layer']} of {one['body']} ({one['material']})"
         found.setdefault(cause, {})[f"{one['kind']} term {one['term']}" if "term" in one else ""] = one["lost"]
     for kind, words in LOSSES.items():
         found |= {words.format(one["name"]): {"": one["lost"]} for one in transient.get(kind, []) if one.get("lost")}

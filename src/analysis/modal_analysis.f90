@@ -48,6 +48,7 @@ contains
     call modal_lines(run, modes, ds, text)
     associate (f => abs(modes%lambda(:modes%count)%im)/(2*pi), damped => modes%kind(:modes%count) == vibration_mode)
       call text%warn(outside_band(run, 'damped modes', pack(f, damped .and. f > 0.0_wp)))
+      run%fastest = 2*pi*maxval([0.0_wp, f])
     end associate
     call say_what_is_missing(modes, failed, words)
     if (failed) then

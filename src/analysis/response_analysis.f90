@@ -75,6 +75,7 @@ contains
       call tell_limits(run, text)
     end if
     call text%warn(outside_band(run, 'frequencies of the response', [(frequency(run, k), k=1, run%d%response%points)]))
+    run%fastest = max(run%fastest, 2*pi*run%d%response%to)
   end subroutine run_response
 
   !> A drive whose row was left out as redundant cannot excite the linear system; nor can a constant rate be a small motion.

@@ -34,6 +34,7 @@ module run_deck
   use transient_summary, only: transient_lines
   use typical_mistakes, only: warn_of_mistakes
   use validity, only: thick_beams
+  use layer_limits, only: limits_of_layers
   implicit none (type, external)
   private
   public :: run_one_deck, run_options, print_words
@@ -253,6 +254,7 @@ contains
     call check_lapack('modal analysis', fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
     call check_lapack('frequency response', fail)
+    call text%warn(limits_of_layers(run%sys%m, run%fastest))
     if (run%d%periodic%present .and. .not. fail%happened()) call run_periodic(run, text, fail)
     call check_lapack('periodic analysis', fail)
     if (run%d%transient%present .and. .not. fail%happened()) then

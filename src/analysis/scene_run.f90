@@ -40,6 +40,7 @@ module scene_run
     type(summary_record) :: opening           !! first part of the summary: the model, its stable steps
     real(wp) :: stable_step = huge(1.0_wp)    !! safe bound of the deck's explicit method; huge: nothing limits it [s]
     real(wp) :: stable_steps(size(method_names)) = huge(1.0_wp)   !! of each explicit method, also with bent bodies [s]
+    real(wp) :: fastest = 0.0_wp              !! highest frequency of modes and responses [rad/s]
     logical :: model_found = .false.          !! pilots have looked for it, or at it
     real(wp), allocatable :: model_error(:)   !! (columns) what left-out modes make them err, where the run chose [of the column]
     type(summary_record) :: model_words       !! what pilots have found

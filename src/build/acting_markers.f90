@@ -76,6 +76,6 @@ contains
         end associate
       end do
     end do
-    list = pack(b%dof, acts .and. b%dof > 0)
+    list = pack(b%dof(:3, :), acts .and. b%dof(:3, :) > 0)
   end function coordinates_under_load
 end module acting_markers

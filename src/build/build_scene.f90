@@ -153,21 +153,24 @@ contains
     s%ny = 2*s%nq + s%nz + s%nzd + s%quadratures
   end subroutine number_internal
 
-  !> Lists what dissipates by itself: terms of the materials that bodies have, and springs with damping.
+  !> Lists what dissipates by itself: terms of the materials that bodies have, of layers each by itself, and springs with damping.
   pure subroutine number_losses(s)
     type(scene), intent(inout) :: s
-    integer :: first(size(s%materials))         ! place before each material's terms, < 0: no body has it
+    type(loss_cause) :: cause
     integer :: b, r, k
     s%losses = [loss_cause ::]
-    first = -1
     do b = 1, size(s%bodies)
       do r = 1, size(s%bodies(b)%segments)
-        associate (segment => s%bodies(b)%segments(r), place => first(s%bodies(b)%segments(r)%material))
-          if (place < 0) then
-            place = size(s%losses)
-            s%losses = [s%losses, (loss_cause(material=segment%material, term=k), k=1, size(segment%law%alpha))]
-          end if
-          segment%losses = place
+        associate (segment => s%bodies(b)%segments(r))
+          cause = loss_cause(material=segment%material, body=merge(b, 0, segment%layer > 0), layer=segment%layer)
+          segment%losses = findloc(s%losses%material == cause%material .and. s%losses%body == cause%body .and. &
+                                   s%losses%layer == cause%layer, .true., 1) - 1
+          if (segment%losses >= 0) cycle
+          segment%losses = size(s%losses)
+          do k = 1, size(segment%law%alpha)
+            cause%term = k
+            s%losses = [s%losses, cause]
+          end do
         end associate
       end do
     end do

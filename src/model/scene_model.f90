@@ -17,6 +17,7 @@ module scene_model
   !> A cause of dissipation that the summary lists: a term of a material in all bodies, or a spring.
   type, public :: loss_cause
     integer :: material = 0
+    integer :: body = 0, layer = 0              !! of the terms of a layer
     integer :: term = 0                         !! of the material's law
     integer :: spring = 0                       !! its number among the force elements, 0: a material's term
   end type loss_cause

@@ -241,3 +241,92 @@ def test_shares_of_layers_are_those_of_the_pole(run_deck):
     for layer, part in zip((2, 4), loss):
         np.testing.assert_allclose(np.asarray(table[f"b.layer{layer}.loss"])[damped], part / total, rtol=1e-9)
     assert np.all(np.min(loss, axis=0) / total > 1e-3)
+
+
+def test_static_shapes_of_a_body_with_cores_hold_loads_on_any_node(run_deck):
+    """One mode and static shapes: deflections under the loads are those of the mesh."""
+    deck = (
+        ARM
+        + CLAMPED
+        + "&force name='f' type='force' body='b' node=5 fy=1.0 /\n&force name='g' type='force' body='b' node=-1 fx=1.0 /\n"
+        "&sensor name='middle' quantity='deflection' body='b' node=5 /\n"
+        "&sensor name='tip' quantity='deflection' body='b' node=-1 /\n"
+        "&static /\n"
+    )
+    nodal, modal = (read_static(run_deck(deck.format(words))) for words in ("", "modes=1 static_shapes=.true."))
+    for column in ("middle.u", "middle.v", "middle.r", "tip.u", "tip.v", "tip.r"):
+        assert modal[column][-1] == pytest.approx(nodal[column][-1], rel=1e-9)
+
+
+def test_the_error_of_a_mesh_holds_the_slip_at_the_same_place(run_deck):
+    """check_mesh: 4/3 of the difference to twice the elements; the layers stay held together at the last node."""
+    scene = SCENE.replace("'bare',2*'clad','bare'", "{0}*'bare',{1}*'clad' slip_held=-1").replace("elements=4", "elements={2}")
+    scene = (
+        scene[: scene.index("&sensor name='tape'")] + "&transient t_end=2e-3 method='radau' tolerance=1e-7 output_step=2e-4 {3} /\n"
+    )
+    checked = run_deck(scene.format(2, 2, 4, "check_mesh=.true."))
+    fine = run_deck(scene.format(4, 4, 8, "").replace("node=2", "node=3"), name="fine")
+    for column in ("tip.v[m]", "edge.g1[rad]", "arm.strain[J]"):
+        name = column.partition("[")[0]
+        differs = np.abs(np.asarray(checked.history[name]) - np.asarray(fine.history[name])).max()
+        assert checked.figures["reduction"]["mesh_errors"][column] == pytest.approx(4 / 3 * differs, rel=1e-3)
+
+
+@pytest.mark.parametrize("modes", ["", "modes=6"])
+def test_what_each_layer_loses(modes, run_deck):
+    """Two layers of one material and one of another; what they lose adds up to what is dissipated. In modes one material is one."""
+    deck = (
+        ARM.replace("'steel','tape','steel','pad'", "'pad','steel','tape','steel','pad'").replace(
+            "2e-3,0.25e-3,0.5e-3,1e-3 width=0.02 cores=2", "5e-4,2e-3,0.25e-3,0.5e-3,1e-3 width=0.02 base=2 cores=3"
+        )
+        + CLAMPED.format(modes)
+        + "&force name='f' type='force' body='b' node=-1 fy=5.0 /\n"
+        "&transient t_end=2e-3 method='radau' tolerance=1e-4 output_step=1e-3 /\n"
+    )
+    run = run_deck(deck)
+    losses = run.transient["losses"]
+    places = [(one.get("layer"), one["material"]) for one in losses]
+    assert places == ([(1, "pad"), (3, "tape"), (5, "pad")] if not modes else [(None, "pad"), (3, "tape")])
+    assert all(one["lost"] > 1e-7 for one in losses)
+    assert sum(one["lost"] for one in losses) == pytest.approx(run.energy["dissipated"][-1], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("length", "section", "named"),
+    [
+        (0.18, "'steel','pad' thickness=4e-3,6e-3", ["% of half a wave"]),
+        (0.6, "'steel','pad' thickness=4e-3,6e-3", []),
+        (0.18, "'steel','pad' thickness=4e-3,6e-3 shear=.true.", []),
+        (0.6, "'steel','tape' thickness=4e-3,6e-3", ["of (thickness over half a wave) squared"]),
+        (0.3, "'steel','tape','steel' thickness=6e-3,4e-3,3e-3", ["resonance of its faces"]),
+    ],
+)
+def test_where_the_theory_of_layers_ends(length, section, named, run_deck):
+    """Simply supported: half a wave is the length. Against elasticity the free layer errs by 1e-3 in f at 0.02, 5e-3 at 0.1."""
+    deck = ARM[: ARM.index("&section")] + (
+        f"&section name='s' layers={section} width=0.02 /\n&body name='b' kind='beam' length={length} elements=8 section='s' /\n"
+        "&joint name='a' type='revolute' body_a='b' node_a=1 /\n&joint name='c' type='slider' body_a='b' node_a=-1 /\n"
+        "&modal modes=1 /\n"
+    )
+    warnings = run_deck(deck).figures.get("warnings", [])
+    assert len(warnings) == len(named)
+    assert all(words in warning for words, warning in zip(named, warnings))
+
+
+def test_a_core_that_shears_far_is_named(run_deck):
+    deck = ARM + CLAMPED.format("") + "&force name='f' type='force' body='b' node=-1 fy={} /\n&static /\n"
+    assert "shears a core by" not in run_deck(deck.format(1.0)).summary
+    assert "shears a core by" in run_deck(deck.format(10.0)).summary
+
+
+def test_three_layers_may_be_bonded(poles):
+    """cores=0: the same pole as with one very stiff core."""
+    deck = ARM.replace("'steel','tape','steel','pad'", "'steel','alu','steel'").replace(
+        "2e-3,0.25e-3,0.5e-3,1e-3", "2e-3,1e-5,1e-3"
+    )
+    deck = "&material name='alu' density=2700.0 young=1e12 poisson=0.0 /\n" + deck
+    bonded, stiff = (
+        poles(deck.replace("cores=2", f"cores={n}") + CLAMPED.format("").replace("slip_held=1", held), 2)
+        for n, held in ((0, ""), (2, "slip_held=1,-1"))
+    )
+    np.testing.assert_allclose(bonded, stiff, rtol=1e-6)

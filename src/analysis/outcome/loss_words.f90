@@ -58,7 +58,7 @@ contains
     type(summary_record), intent(inout) :: text
     type(viscoelastic_terms) :: law
     character(:), allocatable :: words
-    real(wp), allocatable :: values(:)         ! number of the term [-] and energy [J]
+    real(wp), allocatable :: values(:)         ! numbers of layer and term [-] and energy [J]
     integer :: i
     associate (s => run%sys%m%s)
       if (size(s%losses) + merge(s%elements, 0, switching) == 0) return
@@ -76,7 +76,12 @@ contains
           else
             law = law_of(s, cause%material)
             values = [merge(cause%term, cause%term - law%second, cause%term <= law%second)*1.0_wp, lost]   ! among its kind
-            words = '  lost in material "{material='//trim(s%materials(cause%material))//'}": {kind='// &
+            words = ''
+            if (cause%layer > 0) then
+              words = 'layer {layer #} of body "{body='//trim(s%bodies(cause%body)%name)//'}", '
+              values = [real(wp) :: cause%layer, values]
+            end if
+            words = '  lost in '//words//'material "{material='//trim(s%materials(cause%material))//'}": {kind='// &
                     trim(law%words(cause%term))//'} term {term #}: {lost 4} J'
           end if
           call text%item(words, values)

@@ -7,8 +7,9 @@ module validity
   use body, only: body_model
   use elastic_operators, only: factor_entries, mass_product
   use evaluation_results, only: evaluation
+  use layer_limits, only: body_sentence, stiff_core, thick_layers
   use mechanism, only: mechanism_model
-  use text, only: either, es_text, fixed_text
+  use text, only: either
   implicit none (type, external)
   private
   public :: validity_watch, bend_to_limit, thick_beams
@@ -17,18 +18,18 @@ module validity
   real(wp), parameter :: large_rotation = 0.2_wp     !! of a section [rad]
   real(wp), parameter :: fast_spin = 1.0_wp/3.0_wp   !! of the lowest bending frequency [-]
   real(wp), parameter :: slender = 0.01_wp           !! change of a frequency by shear beyond which a beam is not slender [-]
-  real(wp), parameter :: stretched_core = 3.0e-4_wp  !! of a face: a loss factor errs by about twice as much (theory.md, 16) [-]
+  real(wp), parameter :: large_shear = 0.2_wp        !! angle of a core [rad]
   real(wp), parameter :: shear_ratio = 3.12_wp       !! E/(kappa G) of a rectangle at Poisson's ratio 0.3 [-]
   real(wp), parameter :: least_vibration = 1.0e-9_wp !! smallest amplitude of a vibration, of the deflection [-]
   real(wp), parameter :: part_period = 1.1_wp        !! error of a frequency taken from a part of a period [-]
 
-  !> Figures of every body: its largest deflection [m], section rotation [rad] and spin [rad/s], and the sums of squared
-  !> elastic rates and accelerations, whose ratio is the squared frequency of the elastic motion.
-  integer, parameter :: deflection = 1, rotation = 2, spin = 3, rates = 4, accelerations = 5
+  !> Figures of every body: its largest deflection [m], section rotation [rad] and spin [rad/s], the sums of squared elastic
+  !> rates and accelerations, whose ratio is the squared frequency of the elastic motion, and the largest angle of a core [rad].
+  integer, parameter :: deflection = 1, rotation = 2, spin = 3, rates = 4, accelerations = 5, slip = 6
 
   !> The watch.
   type :: validity_watch
-    real(wp), allocatable :: figures(:, :)           !! (5, nb), part of a checkpoint [m, rad, rad/s; m2/s2, m2/s4]
+    real(wp), allocatable :: figures(:, :)           !! (6, nb), part of a checkpoint [m, rad, rad/s; m2/s2, m2/s4; rad]
     real(wp), allocatable :: weight(:)               !! (nq) of each elastic rate: rotations count times half an element [m2]
   contains
     procedure :: begin
@@ -46,7 +47,7 @@ contains
     type(mechanism_model), intent(in) :: m
     integer :: b
     if (allocated(self%figures)) deallocate (self%figures)
-    allocate (self%figures(5, size(m%s%bodies)), source=0.0_wp)
+    allocate (self%figures(6, size(m%s%bodies)), source=0.0_wp)
     self%weight = [(1.0_wp, b=1, m%s%nq)]
     do b = 1, size(m%s%bodies)
       associate (body => m%s%bodies(b), i => m%s%qo(b) + 3)
@@ -75,6 +76,7 @@ contains
           f(rotation) = max(f(rotation), abs(u(3)))
         end do
         f(spin) = max(f(spin), abs(v(i)))
+        if (size(body%dof, 1) > 3) f(slip) = max(f(slip), largest_slip(body, q(i + 1:i + n)))
         do k = 1, n
           f(rates) = f(rates) + self%weight(i + k)*v(i + k)**2
           f(accelerations) = f(accelerations) + self%weight(i + k)*ev%a(i + k)**2
@@ -82,6 +84,19 @@ contains
       end associate
     end do
   end subroutine note
+
+  !> The largest angle of a core at a node.
+  pure real(wp) function largest_slip(body, q) result(largest)   ! [rad]
+    type(body_model), intent(in) :: body
+    real(wp), intent(in) :: q(:)                     !! (nf) [m, rad]
+    real(wp) :: a(size(body%edof, 1))                ! [m, rad]
+    integer :: e
+    largest = 0.0_wp
+    do e = 1, body%ne
+      a = body%basis%element_coordinates(body, e, q)
+      largest = max(largest, maxval(abs(a(7::3))), maxval(abs(a(8::3))))
+    end do
+  end function largest_slip
 
   !> Saves or restores the figures.
   subroutine exchange(self, a)
@@ -108,13 +123,18 @@ contains
           '% of its length: beyond about 10 % the linear floating frame no longer holds (more bodies, each with its own frame)')
         if (f(rotation) > large_rotation) call say(body, 'turns a section by', f(rotation), &
                                             'rad in its frame: beyond about 0.2 rad the linear floating frame no longer holds')
+        if (f(slip) > large_shear) call say(body, 'shears a core by', f(slip), 'rad: beyond about 0.2 rad no core is '// &
+                                            'linear')
         if (.not. body%stiffening .and. f(spin) > 0.0_wp) then
           first = lowest_frequency(body)
           if (f(spin) > fast_spin*first) call say(body, 'spins at', f(spin)/first, 'of its lowest bending frequency without '// &
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
         end if
         bent = max(f(deflection), f(rotation)*body%length)
-        if (bent > 1.0e-13_wp*body%length .and. .not. thick_named) text = text//thickness(body, stage)
+        if (bent > 1.0e-13_wp*body%length .and. .not. thick_named) then
+          text = text//thickness(body, stage)
+          if (allocated(body%layers)) text = text//thick_layers(body, stage, frequency_in_use(body))
+        end if
         highest = part_period*body%basis%top_frequency
         if (ev%t*highest >= 2*pi) then       ! before one period a motion that starts from rest looks too fast
           moving = self%elastic_frequency(m, b)
@@ -129,7 +149,7 @@ contains
       type(body_model), intent(in) :: body
       character(*), intent(in) :: what, rest
       real(wp), intent(in) :: x   !! figure of the sentence [-], [rad] or [rad/s]
-      text = text//sentence(body, stage, what, x, rest)
+      text = text//body_sentence(body, stage, what, x, rest)
     end subroutine say
   end function warnings
 
@@ -149,7 +169,7 @@ contains
     end associate
   end function elastic_frequency
 
-  !> A warning of every beam that is not slender: modes and responses bend them all.
+  !> Warnings of all beams that are not slender, and of cores that are stiff: modes and responses bend them all.
   function thick_beams(m) result(text)
     type(mechanism_model), intent(in) :: m
     character(:), allocatable :: text
@@ -160,51 +180,22 @@ contains
     end do
   end function thick_beams
 
-  !> Warnings of a body that is not slender, and of cores that are stiff; empty where there are none.
+  !> The same of a body; empty where there are none.
   function thickness(body, stage) result(text)
     type(body_model), intent(in) :: body
     character(*), intent(in) :: stage               !! as in `warnings`
     character(:), allocatable :: text
     real(wp) :: shear                                ! [-]
     logical :: reduced                               ! to modes
-    text = ''
-    shear = stiff_core(body)
-    if (shear > stretched_core) text = sentence(body, stage, 'has a core that would store in its stretch', 100*shear, &
-      '% of what a face beside it does: its viscoelastic terms act on its shear alone (core_stretch=.true.: on all of it)')
+    text = stiff_core(body, stage)
+    if (allocated(body%layers)) return               ! see `layer_limits`
     shear = shear_correction(body)
     if (.not. shear > slender) return
     reduced = body%basis%reduced_from > 0
-    text = text//sentence(body, stage, 'is so short and thick that shear and rotary inertia, which sections without '// &
-                    'shear=.true. lack, would lower its '//either('highest kept', 'lowest', reduced .and. body%nf > 1)// &
-                    ' frequency by', 100*shear, '%'//either('', ', and higher ones by more', reduced))
+    text = body_sentence(body, stage, 'is so short and thick that shear and rotary inertia, which sections without '// &
+                         'shear=.true. lack, would lower its '//either('highest kept', 'lowest', reduced .and. body%nf > 1)// &
+                         ' frequency by', 100*shear, '%'//either('', ', and higher ones by more', reduced))
   end function thickness
-
-  !> Stretching stiffness of a viscoelastic core over that of the thinner layer beside it, the largest of the body; 0: no such core.
-  pure real(wp) function stiff_core(body) result(ratio)   ! [-]
-    type(body_model), intent(in) :: body
-    integer :: k, l
-    ratio = 0.0_wp
-    if (.not. allocated(body%layers)) return
-    do k = 1, size(body%layers%sections)
-      associate (s => body%layers%sections(k), ea => body%layers%sections(k)%layers%young*body%layers%sections(k)%layers%area)
-        do l = 2, size(ea) - 1
-          if (s%layers(l)%core == 0 .or. s%core_stretch .or. .not. s%layers(l)%follows) cycle
-          ratio = max(ratio, ea(l)/min(ea(l - 1), ea(l + 1)))
-        end do
-      end associate
-    end do
-  end function stiff_core
-
-  !> A warning with a figure.
-  function sentence(body, stage, what, x, rest) result(text)
-    type(body_model), intent(in) :: body
-    character(*), intent(in) :: stage, what, rest
-    real(wp), intent(in) :: x   !! figure of the sentence [-], [rad] or [rad/s]
-    character(:), allocatable :: text, number
-    number = trim(adjustl(es_text(x, 2)))
-    if (x >= 0.01_wp .and. x < 1.0e4_wp) number = fixed_text(x, 2)
-    text = stage//'body "'//trim(body%name)//'" '//what//' '//number//' '//rest//new_line('a')
-  end function sentence
 
   !> Adds the body's lowest mode to its elastic coordinates, as large as the linear frame holds.
   subroutine bend_to_limit(b, q)
@@ -249,19 +240,25 @@ contains
     if (present(shape)) shape = x
   end function lowest_frequency
 
-  !> Part by which shear and rotary inertia would lower the highest frequency in bending that is kept, or of a mesh the lowest,
-  !> which is surely in use: Timoshenko's first correction k2 r2 (1 + E/(kappa G))/2 of a wave of that frequency,
-  !> k2 r2 = omega r/sqrt(E/rho), averaged over the length, without sections that shear; 1 - 1/sqrt(1 + 2 x) where it is not small.
+  !> The highest frequency in bending that is kept, or of a mesh the lowest, which is surely in use.
+  real(wp) function frequency_in_use(b) result(omega)   ! [rad/s]
+    type(body_model), intent(in) :: b
+    omega = max(lowest_frequency(b), b%basis%highest_bending)
+  end function frequency_in_use
+
+  !> Part by which shear and rotary inertia would lower the frequency in use: Timoshenko's first correction
+  !> k2 r2 (1 + E/(kappa G))/2 of a wave of that frequency, k2 r2 = omega r/sqrt(E/rho), averaged over the length;
+  !> 1 - 1/sqrt(1 + 2 x) where it is not small.
   function shear_correction(b) result(share)
     type(body_model), intent(in) :: b
     real(wp) :: share                                !! of the frequency [-]
-    share = max(lowest_frequency(b), b%basis%highest_bending)
+    share = frequency_in_use(b)
     if (share >= huge(1.0_wp)) then
       share = 0.0_wp
       return
     end if
     associate (g => b%elements)
-      share = 0.5_wp*(1 + shear_ratio)*share*sum(sqrt(g%ei_l*g%mass)/g%ea_l, .not. g%softening > 0.0_wp)/sum(g%length)
+      share = 0.5_wp*(1 + shear_ratio)*share*sum(sqrt(g%ei_l*g%mass)/g%ea_l)/sum(g%length)
     end associate
     share = 1 - 1/sqrt(1 + 2*share)
   end function shear_correction

@@ -88,8 +88,7 @@ contains
       end do
       if (.not. any(layered)) then
         if (.not. deck%is_given('element_material')) call deck%need('material')
-        if (deck%is_set('slip_held')) call deck%complain('slip_held', 'slip_held has no effect on sections without cores, '// &
-          'expected sections with layers and cores')
+        call need_cores(.false.)
         return
       end if
       if (any(b%element_section == 0)) return
@@ -100,6 +99,7 @@ contains
       if (deck%is_given('element_material')) call deck%complain('element_material', 'element_material has no effect where '// &
         'sections have layers, expected it not to be given')
       if (.not. deck%is_clean()) return
+      call need_cores(any([(size(sections(b%element_section(e))%cores) > 0, e=1, size(layered))]))
       first = b%element_section(1)
       do e = 1, size(layered)
         associate (s => sections(b%element_section(e)), one => sections(first))
@@ -115,6 +115,13 @@ contains
         'names no node, expected 1 to '//to_text(b%nodes)//', or -1 (the last)')
       where (b%slip_held == -1) b%slip_held = b%nodes
     end subroutine check_layers
+
+    !> Nodes at which nothing slips are those of cores.
+    subroutine need_cores(there)
+      logical, intent(in) :: there         !! the body has cores
+      if (deck%is_set('slip_held') .and. .not. there) call deck%complain('slip_held', 'slip_held has no effect on sections '// &
+        'without cores, expected sections with layers and cores')
+    end subroutine need_cores
 
     !> What of a beam or frame is modelled.
     subroutine check_switches()

@@ -23,6 +23,7 @@ contains
       r%elements = elements
       r%nodes = elements + 1
       if (allocated(r%reference_node)) r%reference_node = nearest_node(r%reference_node, ratio)
+      where (r%slip_held > 0) r%slip_held = nearest_node(r%slip_held, ratio)
     end associate
     call renumber(d%lumps%marker, b, ratio)
     call renumber(d%joints%a, b, ratio)

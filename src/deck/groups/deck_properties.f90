@@ -143,7 +143,9 @@ contains
       counted(size(s%thickness))//', expected one for each of the '//to_text(n)//' layers')
     if (s%base > n) call deck%complain('base', 'base='//to_text(s%base)//' is no layer, expected 1 to '//to_text(n))
     if (n == 3 .and. .not. deck%is_given('cores') .and. .not. s%shear) s%cores = [2]
-    if (n > 3 .and. .not. s%shear) call deck%need('cores', 'the numbers of the layers that shear, between the layers that bend')
+    if (n > 3 .and. .not. s%shear) call deck%need('cores', 'the numbers of the layers that shear, between the layers that '// &
+      'bend; 0: none')
+    if (size(s%cores) == 1 .and. all(s%cores == 0)) s%cores = [integer ::]
     if (size(s%cores) == 0) return
     if (s%shear) call deck%complain('shear', 'shear=.true. with cores: layers that shear by themselves and a section that '// &
       'shears as a whole exclude each other, expected one of both')

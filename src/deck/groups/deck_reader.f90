@@ -279,11 +279,11 @@ contains
       if (d%transient%check_mesh .and. .not. any(d%bodies%kind == 'beam')) call d%transient%at%blame(source%faults, &
         'check_mesh=.true. estimates the error of a number of elements, expected a beam')
       do k = 1, size(d%sensors)
-        if (all(d%sensors(k)%quantity /= ['coordinate', 'internal  ']) .or. d%sensors(k)%marker%body == 0) cycle
+        if (all(d%sensors(k)%quantity /= ['coordinate', 'internal  ', 'layer     ']) .or. d%sensors(k)%marker%body == 0) cycle
         associate (b => d%bodies(d%sensors(k)%marker%body))
           if (d%transient%check_mesh .and. b%kind == 'beam') call d%sensors(k)%at%blame(source%faults, 'quantity='// &
             quoted(trim(d%sensors(k)%quantity))//' means another thing in each mesh, expected it without check_mesh')
-          if (d%sensors(k)%quantity == 'internal') cycle
+          if (d%sensors(k)%quantity /= 'coordinate') cycle
           if (b%auto_modes .or. (b%modes > 0 .and. d%transient%check_reduction)) call d%sensors(k)%at%blame(source%faults, &
             'quantity=''coordinate'' of a mode has nothing to be compared with in nodal coordinates, expected it without '// &
             either('modes=''auto''', 'check_reduction', b%auto_modes))

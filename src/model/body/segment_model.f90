@@ -12,6 +12,7 @@ module segment_model
   type, extends(internal_state), public :: viscoelastic_segment
     integer :: first = 0, last = 0            !! columns of the body's deformations: elements; of modes, one a material
     integer :: material = 0                   !! index of the material
+    integer :: layer = 0                      !! the layer of the sections, 0: none, or several on one material
     integer :: losses = 0                     !! what its terms dissipate follows this place among the scene's losses
     real(wp), allocatable :: ea_l(:)          !! elements: E_R A/l, empty without axial deformation [N/m]
     real(wp), allocatable :: ei_l(:)          !! elements: E_R I/l [N m]

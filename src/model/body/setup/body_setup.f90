@@ -274,6 +274,7 @@ contains
                 n = n + 1
                 segments(n)%first = columns
                 segments(n)%material = material
+                segments(n)%layer = l
               end if
               last = e
             end if

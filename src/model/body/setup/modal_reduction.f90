@@ -145,6 +145,11 @@ contains
     do r = size(b%segments), 1, -1
       joined(of(b%segments(r)%material)) = b%segments(r)
     end do
+    do r = 1, size(b%segments)
+      associate (all => joined(of(b%segments(r)%material)))
+        if (all%layer /= b%segments(r)%layer) all%layer = 0
+      end associate
+    end do
     do r = 1, n
       joined(r)%first = r
       joined(r)%last = r
