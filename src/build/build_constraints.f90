@@ -2,12 +2,14 @@
 module build_constraints
   use kinds, only: wp, pi
   use build_history, only: make_history
+  use build_profiles, only: make_pair
   use constraint, only: constraint_model
   use deck_records, only: deck, joint_record, drive_record
   use errors, only: fault_list
   use friction_law, only: coulomb_law, on_pin, on_line, on_pads
   use friction_row, only: friction_model
   use history, only: history_model, breakpoint
+  use measure, only: measure_model
   use measures, only: difference, distance, line, turns
   use scene_model, only: scene
   use text, only: either, short_text
@@ -48,6 +50,7 @@ contains
     subroutine make_joint(r, item)
       type(joint_record), intent(in) :: r
       class(constraint_model), allocatable, intent(out) :: item
+      class(measure_model), allocatable :: gap
       allocate (item)
       select case (r%type)
       case ('revolute', 'weld')
@@ -58,6 +61,9 @@ contains
       case ('gear')
         call item%hold(turns(r%ratio), deck_angle(r%a%body) - deck_angle(r%c%body) &
                        - r%ratio*(deck_angle(r%b%body) - deck_angle(r%c%body)))
+      case ('profile')
+        call make_pair(d, r%at, r%profile, r%radius, r%face, gap, faults)
+        call item%hold(gap)
       case default
         call item%hold(distance(), r%length, pending=.not. r%has_length)
       end select

@@ -2,6 +2,7 @@
 module build_loads
   use build_history, only: make_history
   use build_law, only: law_of
+  use build_profiles, only: make_pair
   use constraint, only: constraint_box
   use deck_origin, only: origin
   use deck_records, only: deck, force_record, spring_record, stop_record, transient_record
@@ -37,7 +38,7 @@ contains
       else if (k <= loads) then
         call make_load(d, d%forces(k - s%springs), s%forces(k)%item, faults)
       else
-        call make_stop(d%stops(k - loads), s%forces(k)%item)
+        call make_stop(d, d%stops(k - loads), s%forces(k)%item, faults)
       end if
     end do
     s%stops = size(d%stops)
@@ -189,9 +190,11 @@ contains
   end function order_of_events
 
   !> The factory of stops.
-  subroutine make_stop(r, item)
+  subroutine make_stop(d, r, item, faults)
+    type(deck), intent(in) :: d
     type(stop_record), intent(in) :: r
     class(force_model), allocatable, intent(out) :: item
+    type(fault_list), intent(inout) :: faults
     type(stop_model), allocatable :: t
     allocate (t)
     select case (r%type)
@@ -199,6 +202,8 @@ contains
       t%measure = difference(3)
     case ('position')
       t%measure = line(r%direction, r%b%body == 0)
+    case ('profile')
+      call make_pair(d, r%at, r%profile, r%radius, r%face, t%measure, faults)
     case default
       t%measure = distance(r%upper)
     end select

@@ -40,6 +40,44 @@ STOPS = """&stop name='s1' type='position' body_a='r' point_a=0.1,0.1 body_b='b'
 &stop name='s4' type='rotation' body_a='r' body_b='f' node_b=3 lower=-2.0 upper=0.3 stiffness=40.0 exponent=3.0 /
 &stop name='open' type='position' body_a='r' body_b='f' node_b=3 direction=0.3 lower=-9.0 upper=9.0 stiffness=1.0e6 /
 """
+# rollers and faces on circles, laws and points, in penetrations as no run has them; joints beside
+PROFILES = """&history name='up' kind='ramp' start_value=0.0 end_value=0.02 start=0.0 finish={pi} /
+&history name='down' kind='cycloid' start_value=0.02 end_value=0.0 start=0.0 finish={pi} /
+&history name='lift' kind='sequence' histories='up','down' durations={pi},{pi} periodic=.true. /
+&history name='swing' kind='sine' offset=0.3 amplitude=0.1 frequency={1/(2*pi)} /
+&profile name='circle' kind='circle' radius=0.05 /
+&profile name='bowl' kind='circle' radius=0.2 hollow=.true. /
+&profile name='disc' kind='law' history='lift' base_radius=0.05 radius=0.02 offset=0.015 clockwise=.true. /
+&profile name='flat' kind='law' history='lift' base_radius=0.06 follower='flat' /
+&profile name='arm' kind='law' history='swing' pivot=-0.1,0.0 arm=0.12 radius=0.01 /
+&profile name='egg' kind='points' x=0.06,0.04,0.0,-0.05,-0.06,-0.03,0.0,0.04 y=0.0,0.04,0.05,0.035,0.0,-0.03,-0.04,-0.03 /
+&profile name='rail' kind='points' closed=.false. x=-0.2,-0.1,0.0,0.1,0.2 y=-0.02,-0.004,0.0,-0.005,-0.025 /
+"""
+FOLLOWER = "type='profile' body_a='{}' node_a={} body_b='{}' {} profile='{}' {} /\n"
+TOUCHING = [  # follower, profile, kind of follower
+    ("b", 2, "r", "point_b=0.02,0.01", "circle", "radius=0.16"),
+    ("b", 2, "r", "point_b=0.02,0.01", "disc", "radius=0.17"),
+    ("f", 2, "b", "node_b=2", "egg", "radius=0.5"),
+    ("b", 3, "r", "", "arm", "radius=0.2"),
+    ("f", 3, "b", "node_b=2", "egg", "face=1.5"),
+    ("b", 2, "r", "", "flat", "face=1.2"),
+    ("b", 3, "r", "", "bowl", "radius=0.16"),
+    ("f", 3, "r", "", "rail", "radius=0.5"),
+]
+PAIRS = PROFILES + "".join(
+    f"&stop name='p{k}' stiffness=3.0e3 exponent=2.0 damping=0.05 {FOLLOWER.format(*words)}" for k, words in enumerate(TOUCHING)
+)
+SLOTS = PROFILES + "".join(
+    f"&joint name='j{k}' {FOLLOWER.format(*words)}"
+    for k, words in enumerate(
+        [
+            ("b", 2, "r", "point_b=0.02,0.01", "disc", "radius=0.05"),
+            ("f", 3, "b", "node_b=2", "egg", "face=-0.32"),
+            ("b", 3, "r", "", "rail", ""),
+            ("b", 1, "f", "node_b=3", "flat", "face=2.49"),
+        ]
+    )
+)
 SENSOR = "&scene title='t' gravity=1.0,-9.81 /\n"
 DECKS = {
     "free_beam": MATERIALS + BEAM.format(""),
@@ -57,6 +95,8 @@ DECKS = {
 &joint name='j3' type='revolute' body_a='b' node_a=1 point_b=0.1,0.2 /
 &joint name='j4' type='gear' body_a='r' body_b='b' node_b=3 body_c='f' node_c=2 ratio=-3.5 /
 """,
+    "pairs": MATERIALS + BEAM.format("") + FRAME.replace("reference='clamped'", "reference='free' modes=4") + RIGID + PAIRS,
+    "joints on profiles": MATERIALS + BEAM.format("") + FRAME + RIGID + SLOTS,
     "layers": MATERIALS
     + LAYERS
     + BEAM.format("stiffening=.true. reference='clamped'").replace("material='m' section='s'", "section='clad'")

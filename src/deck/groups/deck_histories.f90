@@ -1,6 +1,6 @@
 !> Reader of &history.
 module deck_histories
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use archive, only: digest, text_words
   use readable_text, only: printable
   use whole_file, only: read_file
@@ -9,12 +9,12 @@ module deck_histories
   use deck_get, only: same_length
   use deck_numbers, only: decades
   use deck_paths, only: beside
-  use deck_records, only: history_record
+  use deck_records, only: history_record, profile_record
   use deck_tables, only: read_columns
   use deck_take, only: take
   implicit none (type, external)
   private
-  public :: read_history, check_histories, table_files
+  public :: read_history, read_table_file, check_histories, table_files
 
   integer, parameter :: most_parts = 10000   !! histories that one may be made of, those of its parts included
   integer, parameter :: most_breakpoints = 1000000   !! of a periodic history over a run
@@ -45,37 +45,10 @@ contains
       else if (deck%is_given('time') .or. deck%is_given('value')) then
         call deck%complain('file', 'file and time, value are both given, expected either a file or time and value')
       else
-        if (.not. deck%is_given('columns')) h%columns = [1, 2]
-        if (deck%is_set('file')) call read_table_file()
+        call read_table_file(deck, h%at%file, 'time, value', h%file, h%columns, h%time, h%values, h%file_digest)
+        if (size(h%time) > 0) call take_points('file', 'time (column '//to_text(h%columns(1))//')')
       end if
     end subroutine check_table
-
-    !> Points of a table from a file, its path relative to the deck's file.
-    subroutine read_table_file()
-      character(:), allocatable :: file, content, problem
-      if (size(h%columns) /= 2 .or. any(h%columns < 1)) then
-        if (deck%is_set('columns')) call deck%complain('columns', 'columns are not two numbers of columns, expected '// &
-          'columns=1,2 (time, value)')
-        return
-      end if
-      file = h%file                          ! as the deck names it
-      h%file = beside(h%at%file, file)
-      call read_file(h%file, content, problem)
-      if (len(file) == 0) then
-        problem = ' is empty, expected the name of a table of numbers beside this deck'
-      else if (len(problem) > 0) then
-        problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
-      else
-        h%file_digest = digest(text_words(content))
-        call read_columns(content, h%columns, h%time, h%values, problem)
-        if (len(problem) > 0) problem = ' '//problem
-      end if
-      if (len(problem) > 0) then
-        call deck%complain('file', 'file='//quoted(printable(file, 80))//problem)
-      else
-        call take_points('file', 'time (column '//to_text(h%columns(1))//')')
-      end if
-    end subroutine read_table_file
 
     !> Scales and shifts the points of a table. It needs two or more, in order of time.
     subroutine take_points(name, what)
@@ -116,6 +89,40 @@ contains
         ', expected equal values for periodic=.true.')
     end subroutine check_ends
   end subroutine read_history
+
+  !> Two columns of the file of the open group, which keeps the path in which it was found. None: it could not be read.
+  subroutine read_table_file(deck, from, what, file, columns, x, y, found)
+    class(deck_source), intent(inout) :: deck
+    character(*), intent(in) :: from                   !! the deck's file, to which the path is relative
+    character(*), intent(in) :: what                   !! is in the columns
+    character(:), allocatable, intent(inout) :: file
+    integer, allocatable, intent(inout) :: columns(:)  !! 1, 2 if not given
+    real(wp), allocatable, intent(inout) :: x(:), y(:) !! [as the file]
+    integer(ip), intent(inout) :: found                !! digest of its text
+    character(:), allocatable :: written, content, problem
+    if (.not. deck%is_given('columns')) columns = [1, 2]
+    if (.not. deck%is_set('file')) return
+    if (size(columns) /= 2 .or. any(columns < 1)) then
+      if (deck%is_set('columns')) call deck%complain('columns', 'columns are not two numbers of columns, expected '// &
+        'columns=1,2 ('//what//')')
+      return
+    end if
+    written = file
+    file = beside(from, written)
+    call read_file(file, content, problem)
+    if (len(written) == 0) then
+      problem = ' is empty, expected the name of a table of numbers beside this deck'
+    else if (len(problem) > 0) then
+      problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
+    else
+      found = digest(text_words(content))
+      call read_columns(content, columns, x, y, problem)
+      if (len(problem) > 0) problem = ' '//problem
+    end if
+    if (len(problem) == 0) return
+    x = [real(wp) ::]
+    call deck%complain('file', 'file='//quoted(printable(written, 80))//problem)
+  end subroutine read_table_file
 
   !> Reports sums and sequences that contain themselves or too many others, and periods that are too short.
   subroutine check_histories(deck, list, t_end)
@@ -170,15 +177,28 @@ contains
   end subroutine check_histories
 
   !> A line for each file from which a table was read: part of the deck's text, so that a restart notices a changed table.
-  function table_files(list) result(text)
+  function table_files(list, profiles) result(text)
     type(history_record), intent(in) :: list(:)
+    type(profile_record), intent(in) :: profiles(:)
     character(:), allocatable :: text
     integer :: k
     text = ''
     do k = 1, size(list)
-      if (.not. allocated(list(k)%file)) cycle
-      text = text//'! history '//trim(list(k)%name)//': '//to_text(size(list(k)%time))//' points of '//list(k)%file// &
-        ', digest '//to_text(list(k)%file_digest)//achar(10)
+      if (allocated(list(k)%file)) text = text//line('history '//trim(list(k)%name), size(list(k)%time), list(k)%file, &
+                                                     list(k)%file_digest)
     end do
+    do k = 1, size(profiles)
+      if (allocated(profiles(k)%file)) text = text//line('profile '//trim(profiles(k)%name), size(profiles(k)%x), &
+                                                         profiles(k)%file, profiles(k)%file_digest)
+    end do
+  contains
+    !> One of them.
+    function line(what, points, file, found)
+      character(*), intent(in) :: what, file
+      integer, intent(in) :: points
+      integer(ip), intent(in) :: found       !! digest of its text
+      character(:), allocatable :: line
+      line = '! '//what//': '//to_text(points)//' points of '//file//', digest '//to_text(found)//achar(10)
+    end function line
   end function table_files
 end module deck_histories

@@ -4,6 +4,7 @@ module deck_joints
   use text, only: to_text
   use deck_input, only: deck_source
   use deck_marker, only: check_marker, forbid_ground, forbid_rigid_pair
+  use deck_profiles, only: check_follower
   use deck_properties, only: check_law
   use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record, force_record, &
     stop_record
@@ -40,6 +41,7 @@ contains
     if (deck%is_set('ratio') .and. .not. abs(j%ratio) > 0.0_wp) call deck%complain('ratio', 'ratio=0 holds section a and '// &
       'moves nothing, expected turns of a for one of b, not 0')
     call check_friction(deck, j)
+    call check_follower(deck, d, j%profile, j%radius)
     call forbid_rigid_pair(deck, d, j%a, j%b, 'a', 'b')
     if (.not. deck%is_choice('gear')) return
     call forbid_rigid_pair(deck, d, j%a, j%c, 'a', 'c')
@@ -120,6 +122,8 @@ contains
       if (deck%is_given('exponent')) call deck%complain('exponent', 'exponent belongs to a stop with stiffness, expected '// &
         'stiffness > 0, or restitution alone: a rigid stop')
     end if
+    call check_follower(deck, d, s%profile, s%radius)
+    if (s%profile > 0) s%lower = 0.0_wp
     if (.not. deck%is_given('lower')) call deck%need('upper', 'lower, upper or both')
     call deck%check_order('lower', s%lower, 'upper', s%upper)
     call forbid_rigid_pair(deck, d, s%a, s%b, 'a', 'b')

@@ -6,8 +6,8 @@ module deck_reader
   use text, only: either, exact_text, joined, nearest_word, quoted
   use errors, only: fault_list
   use deck_keys, only: group_kinds, group_names, is_single, is_named, in_parameter, in_scene, in_material, in_section, &
-    in_history, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_controller, in_static, &
-    in_modal, in_periodic, in_response
+    in_history, in_profile, in_body, in_lump, in_joint, in_drive, in_force, in_spring, in_stop, in_sensor, in_controller, &
+    in_static, in_modal, in_periodic, in_response
   use deck_input, only: deck_source
   use deck_files, only: read_source
   use deck_names, only: doubtful
@@ -21,6 +21,7 @@ module deck_reader
   use deck_parameters, only: compute_values, parameter_value
   use deck_properties, only: read_parameter, read_material, read_section
   use deck_histories, only: read_history, check_histories, table_files
+  use deck_profiles, only: read_profile
   use deck_bodies, only: read_body
   use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
   use deck_columns, only: find_column
@@ -84,7 +85,7 @@ contains
     call check_histories(source, d%histories, d%transient%t_end)
     call set_temperatures(d, source%faults)
     call list_settings()
-    d%text = text%all()//table_files(d%histories)//d%settings
+    d%text = text%all()//table_files(d%histories, d%profiles)//d%settings
     needed = .true.
     if (present(library)) needed = .not. library
     if (needed .and. source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
@@ -175,7 +176,8 @@ contains
     subroutine allocate_records()
       d%scene%title = ''
       allocate (d%parameters(numbers(in_parameter)))
-      allocate (d%materials(numbers(in_material)), d%sections(numbers(in_section)), d%histories(numbers(in_history)))
+      allocate (d%materials(numbers(in_material)), d%sections(numbers(in_section)), d%histories(numbers(in_history)), &
+                d%profiles(numbers(in_profile)))
       allocate (d%bodies(numbers(in_body)), d%lumps(numbers(in_lump)), d%joints(numbers(in_joint)))
       allocate (d%drives(numbers(in_drive)), d%forces(numbers(in_force)), d%springs(numbers(in_spring)))
       allocate (d%stops(numbers(in_stop)), d%sensors(numbers(in_sensor)), &
@@ -214,6 +216,8 @@ contains
         call read_section(source, d%sections(number))
       case (in_history)
         call read_history(source, d%histories(number))
+      case (in_profile)
+        call read_profile(source, d%profiles(number))
       case (in_body)
         call read_body(source, d%sections, d%bodies(number), source%body_known(number))
       case (in_lump)

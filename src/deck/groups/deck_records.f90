@@ -4,8 +4,8 @@ module deck_records
   use kinds, only: wp, ip
   use deck_parts, only: column_record, law_record, marker_record
   use deck_values, only: body_values, controller_record, drive_record, force_record, history_values, joint_values, lump_record, &
-    material_values, modal_record, parameter_values, periodic_values, response_record, scene_record, section_values, &
-    sensor_values, spring_values, static_record, stop_values, transient_values
+    material_values, modal_record, parameter_values, periodic_values, profile_values, response_record, scene_record, &
+    section_values, sensor_values, spring_values, static_record, stop_values, transient_values
   implicit none (type, external)
   private
   public :: column_record, controller_record, drive_record, force_record, law_record, lump_record, marker_record, &
@@ -39,6 +39,10 @@ module deck_records
   type, extends(history_values), public :: history_record
     integer(ip) :: file_digest = 0_ip        !! table: of its file's text
   end type history_record
+
+  type, extends(profile_values), public :: profile_record
+    integer(ip) :: file_digest = 0_ip        !! points: of their file's text
+  end type profile_record
 
   type, extends(spring_values), public :: spring_record
     logical :: has_free = .false.            !! false: free length or angle as assembled
@@ -80,6 +84,7 @@ module deck_records
     type(joint_record), allocatable :: joints(:)
     type(drive_record), allocatable :: drives(:)
     type(history_record), allocatable :: histories(:)
+    type(profile_record), allocatable :: profiles(:)
     type(force_record), allocatable :: forces(:)
     type(spring_record), allocatable :: springs(:)
     type(stop_record), allocatable :: stops(:)

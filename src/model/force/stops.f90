@@ -376,7 +376,8 @@ contains
     if (with%state == stop_open) watched%zero(2) = watched%zero(1)
   end subroutine stop_roots
 
-  !> The distances to both limits; of a pin in its hole (gap^2 - x^2)/(2 gap), smooth where they are concentric.
+  !> The distances to both limits; of a pin in its hole (gap^2 - x^2)/(2 gap), smooth where they are concentric, also of a ball
+  !> in its bowl, whose x is what is left of the gap.
   pure subroutine distances(self, x, xd, watched)
     class(stop_model), intent(in) :: self
     real(wp), intent(in) :: x              !! [m] or [rad]
@@ -393,6 +394,10 @@ contains
       watched%g(2) = x - self%lower
       watched%rate(2) = xd
     end if
+    associate (most => self%measure%span)
+      if (most > 0.0_wp) watched%g(2) = x*(1 - 0.5_wp*x/most)
+      if (most > 0.0_wp) watched%rate(2) = xd*(1 - x/most)
+    end associate
   end subroutine distances
 
   !> Touching keeps the speed of it, at least the floor; a contact that lets go and presses again keeps that of its touching.

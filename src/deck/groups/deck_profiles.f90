@@ -1,0 +1,101 @@
+!> Reader of &profile, and what joints and stops say of their pairs.
+module deck_profiles
+  use kinds, only: wp
+  use deck_get, only: same_length
+  use deck_histories, only: read_table_file
+  use deck_input, only: deck_source
+  use deck_records, only: deck_record => deck, profile_record
+  use deck_take, only: take
+  use text, only: either, quoted, to_text
+  implicit none (type, external)
+  private
+  public :: check_follower, read_profile
+
+contains
+
+  !> &profile
+  subroutine read_profile(deck, r)
+    class(deck_source), intent(inout) :: deck
+    type(profile_record), intent(inout) :: r
+    call take(deck, r)
+    if (deck%is_choice('points')) call check_points(deck, r)
+    if (deck%is_choice('law')) call check_law(deck, r)
+  end subroutine read_profile
+
+  !> Points, of the deck or of a file: no two of them in one place.
+  subroutine check_points(deck, r)
+    class(deck_source), intent(inout) :: deck
+    type(profile_record), intent(inout) :: r
+    integer :: k, least
+    if (deck%is_given('file')) then
+      if (deck%is_given('x') .or. deck%is_given('y')) then
+        call deck%complain('file', 'file and x, y are both given, expected either a file or x and y')
+        return
+      end if
+      call read_table_file(deck, r%at%file, 'x, y', r%file, r%columns, r%x, r%y, r%file_digest)
+    else
+      call deck%need('x')
+      call deck%need('y')
+      call same_length(deck, 'x', size(r%x), 'y', size(r%y))
+      if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
+    end if
+    if (.not. deck%is_clean()) return
+    least = merge(3, 2, r%closed)
+    if (size(r%x) < least) call deck%complain(either('file', 'x', deck%is_given('file')), 'the profile has '// &
+      to_text(size(r%x))//' points, expected at least '//to_text(least))
+    do k = 2, size(r%x)
+      if (abs(r%x(k) - r%x(k - 1)) > 0.0_wp .or. abs(r%y(k) - r%y(k - 1)) > 0.0_wp) cycle
+      call deck%complain(either('file', 'x', deck%is_given('file')), 'points '//to_text(k - 1)//' and '//to_text(k)// &
+        ' of the profile coincide, expected each once')
+      return
+    end do
+  end subroutine check_points
+
+  !> The law of a roller, of an arm or of a face.
+  subroutine check_law(deck, r)
+    class(deck_source), intent(inout) :: deck
+    type(profile_record), intent(in) :: r
+    character(11) :: forbidden(3)
+    integer :: k
+    if (r%follower == 'flat') then
+      forbidden = [character(11) :: 'radius', 'offset', 'arm']
+      call deck%need('base_radius')
+    else if (deck%is_given('arm') .or. deck%is_given('pivot')) then
+      forbidden = [character(11) :: 'base_radius', 'offset', '']
+      call deck%need('arm')
+      call deck%need('pivot')
+      call deck%need('radius')
+    else
+      forbidden = ''
+      call deck%need('base_radius')
+      call deck%need('radius')
+      if (deck%is_clean() .and. .not. abs(r%offset) < r%base_radius + r%radius) call deck%complain('offset', 'offset='// &
+        to_text(r%offset)//' is beyond the roller''s path, expected less than base_radius + radius, '// &
+        to_text(r%base_radius + r%radius))
+    end if
+    do k = 1, size(forbidden)
+      if (forbidden(k) == '') cycle
+      if (deck%is_given(trim(forbidden(k)))) call deck%complain(trim(forbidden(k)), trim(forbidden(k))//' does not apply to '// &
+        either('follower=''flat''', 'a roller on an arm', r%follower == 'flat')//', expected it without')
+    end do
+  end subroutine check_law
+
+  !> The follower of a joint or stop: a roller or a face, which the profile has to suit.
+  subroutine check_follower(deck, d, profile, radius)
+    class(deck_source), intent(inout) :: deck
+    type(deck_record), intent(in) :: d            !! its profiles are read
+    integer, intent(in) :: profile                !! 0: none
+    real(wp), intent(in) :: radius                !! of the roller [m]
+    call deck%forbid_both('radius', 'face', ': the follower is a roller or a flat face')
+    if (profile == 0 .or. .not. deck%is_choice('profile')) return
+    associate (r => d%profiles(profile))
+      if (deck%is_given('face') .and. r%kind == 'points' .and. .not. r%closed) call deck%complain('face', 'a flat face does '// &
+        'not touch the open profile '//quoted(trim(r%name))//', expected radius, or closed=.true.')
+      if (.not. r%hollow) return
+      if (deck%is_given('face')) call deck%complain('face', 'a flat face cannot touch the inside of the hollow profile '// &
+        quoted(trim(r%name))//', expected radius, or a profile that is not hollow')
+      if (radius >= r%radius) call deck%complain('radius', 'radius='//to_text(radius)//' does not fit into the hollow profile '// &
+        quoted(trim(r%name))//', expected less than its radius, '//to_text(r%radius))
+    end associate
+  end subroutine check_follower
+end module deck_profiles

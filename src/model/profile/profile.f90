@@ -1,0 +1,73 @@
+!> Profiles: plane curves that a follower touches, in the axes of the section that carries them. What is asked of a curve is the
+!> foot of a point, from which its normal goes through the point, and its support p(alpha), how far it reaches in a direction.
+module profile
+  use kinds, only: wp
+  implicit none (type, external)
+  private
+
+  !> The place of a profile that is nearest to a point.
+  type, public :: profile_foot
+    real(wp) :: distance = 0.0_wp            !! of the point, negative within the profile [m]
+    real(wp) :: n(2) = [1.0_wp, 0.0_wp]      !! outward normal [-]
+    real(wp) :: curvature = 0.0_wp           !! of the profile, positive where it is convex [1/m]
+  end type profile_foot
+
+  !> A profile.
+  type, abstract, public :: profile_model
+    character(32) :: name = ''
+    logical :: round = .false.               !! a circle: turning changes nothing
+  contains
+    procedure(nearest_place), deferred :: nearest
+    procedure(reach_of), deferred :: support
+  end type profile_model
+
+  abstract interface
+    !> The nearest place to a point.
+    pure type(profile_foot) function nearest_place(self, d) result(foot)
+      import :: profile_model, profile_foot, wp
+      class(profile_model), intent(in) :: self
+      real(wp), intent(in) :: d(2)           !! [m]
+    end function nearest_place
+    !> Largest n(alpha).c of a convex profile, with two derivatives.
+    pure function reach_of(self, alpha) result(p)
+      import :: profile_model, wp
+      class(profile_model), intent(in) :: self
+      real(wp), intent(in) :: alpha          !! of the direction n [rad]
+      real(wp) :: p(0:2)                     ! [m]
+    end function reach_of
+  end interface
+
+  !> A circle about the origin; its free side is the outside, or the inside of a hollow one.
+  type, extends(profile_model), public :: circle_model
+    real(wp) :: radius = 0.0_wp              !! [m]
+    logical :: hollow = .false.
+  contains
+    procedure :: nearest => circle_nearest
+    procedure :: support => circle_support
+  end type circle_model
+
+contains
+
+  !> On the line through the centre.
+  pure type(profile_foot) function circle_nearest(self, d) result(foot)
+    class(circle_model), intent(in) :: self
+    real(wp), intent(in) :: d(2)             !! [m]
+    real(wp) :: r
+    r = sqrt(d(1)**2 + d(2)**2)
+    if (r > 0.0_wp) foot%n = d/r
+    foot%distance = r - self%radius
+    foot%curvature = 1/self%radius
+    if (.not. self%hollow) return
+    foot%n = -foot%n
+    foot%distance = -foot%distance
+    foot%curvature = -foot%curvature
+  end function circle_nearest
+
+  !> Its radius.
+  pure function circle_support(self, alpha) result(p)
+    class(circle_model), intent(in) :: self
+    real(wp), intent(in) :: alpha            !! [rad]
+    real(wp) :: p(0:2)                       ! [m]
+    p = [self%radius, 0.0_wp, 0.0_wp]
+  end function circle_support
+end module profile

@@ -1,0 +1,125 @@
+"""Profiles and what touches them: a law's disc moves its follower by the law, circles are rods and clearances."""
+
+import numpy as np
+import pytest
+
+W = 40.0
+CAM = f"""&body name='cam' mass=1 inertia=1e-3 angle=0.4 /
+&joint name='shaft' type='revolute' body_a='cam' /
+&history name='speed' kind='polynomial' coefficients={W} /
+&drive name='motor' type='rotation' body_a='cam' history='speed' rate=.true. /
+"""
+BACK = CAM.replace(f"={W}", f"=-{W}").replace("angle=0.4", "angle=-0.4")
+LIFT = """&history name='up' kind='ramp' start_value=0 end_value=0.012 start=0 finish=1.5 /
+&history name='high' kind='polynomial' coefficients=0.012 /
+&history name='down' kind='cycloid' start_value=0.012 end_value=0 start=0 finish=2 /
+&history name='lift' kind='sequence' histories='up','high','down' durations=1.5,0.5,{2*pi-2} /
+"""
+FOLLOWER = """&body name='f' mass=0.3 inertia=1e-4 position={x},{y} /
+&joint name='guide' type='prismatic' body_a='f' point_b={x},0 direction={{90*deg}} /
+"""
+SEE = "&sensor name='y' quantity='position' body='f' /\n&sensor name='a' quantity='acceleration' body='f' /\n"
+SEE += "&sensor name='n' quantity='reaction' joint='contact' /\n&sensor name='motor' quantity='reaction' drive='motor' /\n"
+RUN = "&transient t_end=0.15 method='rk4' step=2e-4 output_step=1e-3 /\n"
+
+
+def lift(angle):
+    """Return the lift with two derivatives, once more from its own formulas."""
+    u = np.mod(angle, 2 * np.pi)
+    x = np.clip(u / 1.5, 0.0, 1.0)
+    up = np.array([x**3 * (10 - 15 * x + 6 * x**2), 30 * x**2 * (1 - x) ** 2 / 1.5, 60 * x * (1 - x) * (1 - 2 * x) / 1.5**2])
+    z = np.clip((u - 2.0) / 2.0, 0.0, 1.0)
+    wave = 2 * np.pi * z
+    down = np.array([z - np.sin(wave) / (2 * np.pi), (1 - np.cos(wave)) / 2.0, 2 * np.pi * np.sin(wave) / 4.0])
+    down[0] -= 1.0
+    return 0.012 * np.where(u <= 2.0, up, -down)
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+@pytest.mark.parametrize(("follower", "x"), [("roller", 0.006), ("larger roller", 0.0), ("flat", 0.01)])
+def test_the_disc_of_a_law_moves_its_follower_by_the_law(follower, x, clockwise, run_deck):
+    """Motion, and by power the force: F cos(pressure angle) v = torque W, though gap and force know no lift."""
+    law = "base_radius=0.025 follower='flat'" if follower == "flat" else f"base_radius=0.025 radius=0.008 offset={x}"
+    touch = {"roller": "radius=0.008", "larger roller": "radius=0.02", "flat": "face={90*deg}"}[follower]
+    base = 0.025 if follower == "flat" else np.sqrt(0.033**2 - x**2)
+    if follower == "larger roller":
+        law, touch = "base_radius=0.013 radius=0.02", "radius=0.02"
+    deck = LIFT + (BACK if clockwise else CAM) + FOLLOWER.format(x=x, y=base + lift(0.4)[0]) + SEE + RUN
+    deck += f"&profile name='disc' kind='law' history='lift' {law} clockwise={'.true.' if clockwise else '.false.'} /\n"
+    deck += f"&joint name='contact' type='profile' body_a='f' {touch} body_b='cam' profile='disc' /\n"
+    h = run_deck(deck).history
+    s = lift(0.4 + W * h["t"])
+    np.testing.assert_allclose(h["y.y"], base + s[0], rtol=0, atol=2e-12)
+    np.testing.assert_allclose(h["a.y"], W**2 * s[2], rtol=0, atol=1e-7 * W**2 * 0.01)
+    sense = -1.0 if clockwise else 1.0
+    np.testing.assert_allclose(h["n.fy"], 0.3 * h["a.y"], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(sense * h["motor.m"], h["n.fy"] * s[1], rtol=0, atol=1e-9)
+    side = 0.0 if follower == "flat" else (sense * s[1] - x) / (base + s[0])  # tangent of the pressure angle
+    np.testing.assert_allclose(h["n.fx"], -h["n.fy"] * side, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_the_disc_of_a_law_swings_its_arm_by_the_law(clockwise, run_deck):
+    """A roller at the end of an arm on a bearing beside the cam: its angle is the law, its torque follows by power."""
+    deck = LIFT.replace("0.012", "0.2") + (BACK if clockwise else CAM)
+    beta = 0.5 + lift(0.4)[0] / 0.06
+    deck += f"""&body name='f' mass=0.3 inertia=2e-4 com=0.02,0.0 position=-0.04,0.01 angle={beta} /
+&joint name='bearing' type='revolute' body_a='f' point_b=-0.04,0.01 /
+&history name='arm' kind='sum' histories='lift','half' /
+&history name='half' kind='polynomial' coefficients=0.5 /
+&profile name='disc' kind='law' history='arm' arm=0.06 pivot=-0.04,0.01 radius=0.007 CLOCKWISE /
+&joint name='contact' type='profile' body_a='f' point_a=0.06,0.0 radius=0.007 body_b='cam' profile='disc' /
+&sensor name='y' quantity='angle' body='f' /
+&sensor name='motor' quantity='reaction' drive='motor' /
+"""
+    h = run_deck(deck.replace("CLOCKWISE", "clockwise=.true." if clockwise else "") + RUN).history
+    s = lift(0.4 + W * h["t"]) * 0.2 / 0.012
+    np.testing.assert_allclose(h["y"], 0.5 + s[0], rtol=0, atol=1e-11)
+    torque = (2e-4 + 0.3 * 0.02**2) * W**2 * s[2] * s[1]
+    np.testing.assert_allclose(h["motor.m"] * (-1 if clockwise else 1), torque, rtol=0, atol=1e-8)
+
+
+def test_circles_touch_as_rods_and_clearances_do(run_deck):
+    """A roller on an eccentric circle is a rod between the centres; a ball in a rigid bowl a pin with clearance."""
+    deck = "&scene gravity=0,-9.81 /\n" + CAM + FOLLOWER.format(x=0.004, y=0.03) + SEE + RUN
+    deck += "&profile name='disc' kind='circle' radius=0.022 /\n"
+    rod = "&joint name='contact' type='distance' body_a='f' body_b='cam' point_b=0.007,0 length=0.031 /\n"
+    pair = "&joint name='contact' type='profile' body_a='f' radius=0.009 body_b='cam' point_b=0.007,0 profile='disc' /\n"
+    one, other = run_deck(deck + rod, name="rod").history, run_deck(deck + pair, name="pair").history
+    for name in ("y.y", "a.y", "n.fx", "n.fy", "motor.m"):
+        np.testing.assert_allclose(other[name], one[name], rtol=0, atol=1e-11 * max(1.0, np.abs(one[name]).max()))
+    ball = """&scene gravity=0,-9.81 /
+&body name='b' mass=1 inertia=1e-3 position=0.1,0.0 /
+&profile name='bowl' kind='circle' radius=0.25 hollow=.true. /
+&sensor name='y' quantity='position' body='b' /
+&stop name='s' TYPE body_a='b' restitution=0.7 /
+&transient t_end=1.2 method='dopri5' tolerance=1e-10 output_step=0.1 /
+"""
+    runs = [run_deck(ball.replace("TYPE", f"type={words}"), name=words[1:5]) for words in PINS]
+    events = [np.array([[float(x) for x in line.split()[::4]] for line in read_lines(run)]) for run in runs]
+    assert len(events[0]) > 4
+    np.testing.assert_allclose(events[1], events[0], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(runs[1].history["y.x"], runs[0].history["y.x"], rtol=0, atol=1e-9)
+
+
+PINS = ("'clearance' gap=0.2", "'profile' profile='bowl' radius=0.05 body_b='ground'")
+
+
+def read_lines(run):
+    return [line for line in (run.folder / "events.txt").read_text().splitlines() if not line.startswith("#")]
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_points_of_a_circle_are_nearly_that_circle(turn, run_deck):
+    """An eccentric one, by 48 points either way round. The spline's curvature errs by (2 pi/48)^2/12 of itself."""
+    angle = turn * 2 * np.pi * np.arange(48) / 48
+    text = [",".join(f"{v:.15e}" for v in values) for values in (7.0 + 22.0 * np.cos(angle), 22.0 * np.sin(angle))]
+    points = f"&profile name='disc' kind='points' scale={{1*mm}}\n x={text[0]}\n y={text[1]} /\n".replace(",", ",\n")
+    for touch in ("radius=0.009", "face={90*deg}"):
+        deck = CAM + FOLLOWER.format(x=0.004, y=0.03) + SEE + RUN
+        deck += f"&joint name='contact' type='profile' body_a='f' {touch} body_b='cam' PROFILE /\n"
+        one = run_deck(deck.replace("PROFILE", "profile='disc'") + points, name="points").history
+        circle = "&profile name='disc' kind='circle' radius=0.022 /\n"
+        other = run_deck(deck.replace("PROFILE", "profile='disc' point_b=0.007,0") + circle, name="circle").history
+        assert np.abs(one["y.y"] - other["y.y"]).max() < 2e-8
+        assert np.abs(one["a.y"] - other["a.y"]).max() < 2e-3 * 0.029 * W**2
