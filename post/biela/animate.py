@@ -15,7 +15,7 @@ from .mechanism import Mechanism, add_trace, from_run, zigzag
 from .picture_files import FORMATS, lay_out, stem_of
 from .plot import LOOK, body_look, plain_numbers
 from .progress import Progress
-from .result_files import HistoryError, note
+from .result_files import HistoryError, note, writing
 
 DARK = "#333333"
 TOUCHED = "#e0452f"
@@ -208,8 +208,7 @@ def write(
     if mp4 and ".mp4" not in endings:
         endings.append(".mp4")
     paths = [name.with_name(name.name + ending) for ending in endings]
-    try:
-        stem.parent.mkdir(parents=True, exist_ok=True)
+    with writing(stem):
         images = film(scene, frames) if {*endings} & {*FILMS} else []
         for path in paths:
             if path.suffix == ".mp4":
@@ -222,10 +221,7 @@ def write(
                 lay_out(figure)
                 figure.savefig(path, dpi=110)
             note(path)
-    except OSError as fault:
-        raise HistoryError(f"{stem}: cannot be written ({fault.strerror})") from None
-    finally:
-        plt.close("all")
+    plt.close("all")
     return paths
 
 

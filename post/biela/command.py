@@ -42,34 +42,22 @@ def call_solver(biela: Path, *words: object, given: str | None = None) -> subpro
         raise BielaError(f"{biela}: cannot be run ({fault.strerror}): `make` builds it, --biela names another") from None
 
 
-def finite(text: str) -> float:
-    """Return a number from the command line; infinities and NaN are none."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not math.isfinite(number):
-        raise argparse.ArgumentTypeError(f"{text!r}: a number expected")
-    return number
+def finite(text: str, words: str = "a number", least: float = -math.inf, kind: type = float) -> float:
+    """Return a number from the command line, of a kind and not below the least; infinities and NaN are none."""
+    with contextlib.suppress(ValueError):
+        if math.isfinite(number := kind(text)) and number >= least:
+            return number
+    raise argparse.ArgumentTypeError(f"{text!r}: {words} expected")
 
 
 def positive(text: str) -> float:
     """Return a number above zero from the command line."""
-    number = finite(text)
-    if number <= 0.0:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number above 0 expected")
-    return number
+    return finite(text, "a number above 0", math.ulp(0.0))
 
 
 def count(text: str) -> int:
     """Return a whole number of at least one from the command line."""
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of at least 1 expected")
-    return number
+    return finite(text, "a whole number of at least 1", 1, int)
 
 
 def pair(text: str) -> tuple[str, float]:

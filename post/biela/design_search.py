@@ -99,20 +99,21 @@ class StoppedError(Exception):
 
 
 class Search(threading.Thread):
-    """One search."""
+    """One search, of what the lists leave free, from where it begins; `central`: by differences on both sides."""
 
     def __init__(self, number: int, space: Space, goal: Goal, choice: tuple, begin: np.ndarray, central: bool = False) -> None:
         super().__init__(daemon=True)
         self.number, self.space, self.goal, self.choice, self.begin, self.central = number, space, goal, choice, begin, central
-        self.ended, self.best, self.fault = "", None, None
-        self.path: list[np.ndarray] = []
-        self.failures = 0
-        self.over = False
+        self.ended, self.best, self.fault, self.over = "", None, None, False  # why it ended, the best design that it met
+        self.path: list[np.ndarray] = []  # positions of its iterates
+        self.failures, self.worst = 0, 0.0
         self.requests: queue.Queue = queue.Queue()
         self.answers: queue.Queue = queue.Queue()
         self.known: dict[bytes, Design] = {}
         self.slopes: dict[bytes, tuple[list[np.ndarray], np.ndarray]] = {}
-        self.worst = 0.0
+        # an objective that is the worst of several extremes is a further variable, above all of them
+        self.above = goal.worst_of_several(goal.column, goal.sign)
+        self.rows = [(goal.column, goal.sign, None)] * self.above + [(one.column, one.sign, one.bound) for one in goal.limits]
         part = float((goal.errors / goal.scales)[goal.columns].max())
         step = part ** (1.0 / 3.0) if central else math.sqrt(part)
         self.step = float(np.clip(2.0 * step, LEAST_STEP, LARGEST_STEP))
@@ -130,21 +131,20 @@ class Search(threading.Thread):
         self.requests.put(None)
 
     def _slsqp(self) -> str:
-        """Call SLSQP; where the objective is the worst of several extremes, it is a further variable above all of them."""
         from scipy.optimize import minimize
 
-        goal, count = self.goal, len(self.begin)
-        above = goal.worst_of_several(goal.column, goal.sign)
-        first = self._design(self.begin)
+        goal, first = self.goal, self._design(self.begin)
         if not first.ok:
             return "its first run failed: " + first.reason
-        begin = np.append(self.begin, goal.sign * first.values[goal.column] / goal.scales[goal.column]) if above else self.begin
-        options = {"maxiter": ITERATIONS, "ftol": goal.accuracy}
-        bounds = [(0.0, 1.0)] * count + [(None, None)] * above
-        constraints = [{"type": "ineq", "fun": self._margins, "jac": self._margin_slopes}] if goal.limits or above else []
-        found = minimize(self._objective, begin, jac=self._objective_slope, method="SLSQP", bounds=bounds,
-                         constraints=constraints, options=options)  # fmt: skip
+        constraints = [{"type": "ineq", "fun": self._margins, "jac": self._margin_slopes}] if self.rows else []
+        found = minimize(self._objective, np.append(self.begin, [self._scaled(first)] * self.above), jac=self._objective_slope,
+                         method="SLSQP", bounds=[(0.0, 1.0)] * len(self.begin) + [(None, None)] * self.above,
+                         constraints=constraints, options={"maxiter": ITERATIONS, "ftol": goal.accuracy})  # fmt: skip
         return "" if found.status == 0 else str(found.message)
+
+    def _scaled(self, design: Design) -> float:
+        """Return the objective of a design, to be small."""
+        return self.goal.sign * design.values[self.goal.column] / self.goal.scales[self.goal.column]
 
     def _ask(self, positions: list[np.ndarray]) -> list[Design]:
         """Return designs at positions of the cube; StoppedError where the search is not to go on."""
@@ -165,46 +165,49 @@ class Search(threading.Thread):
             if self.failures > FAILURES:
                 raise StoppedError("runs fail around it: " + design.reason)
             if design.ok:
-                self.worst = max(self.worst, self.goal.sign * design.values[self.goal.column] / self.goal.scales[self.goal.column])
+                self.worst = max(self.worst, self._scaled(design))
             if self.best is None or self.goal.merit(design) < self.goal.merit(self.best):
                 self.best = design
         return self.known[key]
 
-    def _columns(self) -> list[tuple[int, int]]:
-        """Return column and sign of what has to stay small: the objective where it has several extremes, then the limits."""
-        goal = self.goal
-        own = [(goal.column, goal.sign)] if goal.worst_of_several(goal.column, goal.sign) else []
-        return own + [(one.column, one.sign) for one in goal.limits]
-
     def _values(self, column: int, sign: int, base: Design, design: Design) -> list[float]:
         """Return a column of a design, each of the base's extremes where the worst of them counts; scaled."""
-        scale = self.goal.scales[column]
-        if not self.goal.worst_of_several(column, sign):
-            return [matched(base, design, column) / scale]
-        return [matched(base, design, column, k) / scale for k in range(max(len(base.extremes[column]), 1))]
+        several = self.goal.worst_of_several(column, sign)
+        count = max(len(base.extremes[column]), 1) if several else 1
+        return [matched(base, design, column, k) / self.goal.scales[column] for k in range(count)]
 
     def _margins(self, variables: np.ndarray) -> np.ndarray:
         """Return the scaled distances from all limits, positive inside; each extreme has its own."""
-        design, goal = self._design(variables), self.goal
-        bounds = [variables[-1]] if len(variables) > len(self.begin) else []
-        bounds += [one.sign * one.bound / goal.scales[one.column] - 2.0 * goal.accuracy for one in goal.limits]
-        found: list[float] = []
-        for bound, (column, sign) in zip(bounds, self._columns()):
+        design, goal, found = self._design(variables), self.goal, []
+        for column, sign, bound in self.rows:
+            most = variables[-1] if bound is None else sign * bound / goal.scales[column] - 2.0 * goal.accuracy
+            inside = [most - sign * value for value in self._values(column, sign, design, design)] if design.ok else [-1.0]
             count = EXTREMES if goal.worst_of_several(column, sign) else 1
-            inside = [bound - sign * value for value in self._values(column, sign, design, design)] if design.ok else [-1.0]
             found += inside + [FAR] * (count - len(inside))
         return np.array(found)
 
+    def _margin_slopes(self, variables: np.ndarray) -> np.ndarray:
+        """Return the derivatives of `_margins`."""
+        found = []
+        for (column, sign, bound), table in zip(self.rows, self._slope(variables)[0]):
+            count = EXTREMES if self.goal.worst_of_several(column, sign) else 1
+            rows = np.zeros((count, len(variables)))
+            rows[: len(table), : len(self.begin)] = -sign * table
+            rows[:, -1] += bound is None
+            found.append(rows)
+        return np.vstack(found)
+
     def _objective(self, variables: np.ndarray) -> float:
         """Return the scaled objective; of a failed run more than that of any other."""
-        design, goal = self._design(variables), self.goal
-        if not design.ok:
-            return self.worst + 10.0
-        above = len(variables) > len(self.begin)
-        return float(variables[-1] if above else goal.sign * design.values[goal.column] / goal.scales[goal.column])
+        design = self._design(variables)
+        return float((variables[-1] if self.above else self._scaled(design)) if design.ok else self.worst + 10.0)
+
+    def _objective_slope(self, variables: np.ndarray) -> np.ndarray:
+        """Return the derivative of `_objective`."""
+        return np.eye(len(variables))[-1] if self.above else self.goal.sign * self._slope(variables)[1]
 
     def _slope(self, variables: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
-        """Return the derivatives of the values of `_columns`, each an array (extremes, parameters), and of the objective."""
+        """Return the derivatives of the values of all rows, each an array (extremes, parameters), and of the objective."""
         position = np.clip(variables[: len(self.begin)], 0.0, 1.0)
         key = position.tobytes()
         if key in self.slopes:
@@ -213,69 +216,38 @@ class Search(threading.Thread):
         if not base.ok:
             raise StoppedError("the run failed: " + base.reason)
         self.path.append(position)
-        self._stop_if_stuck()
-        columns = [*self._columns(), (self.goal.column, 0)]
+        # iterations that move by less than the step of the differences do so for ever, by their errors
+        if len(self.path) > PATIENCE and np.abs(np.array(self.path[-PATIENCE - 1 : -1]) - position).max() < self.step:
+            raise StoppedError("")
+        columns = [*((column, sign) for column, sign, _ in self.rows), (self.goal.column, 0)]
         found = [np.zeros((len(self._values(column, sign, base, base)), len(position))) for column, sign in columns]
-        for k, differences in enumerate(self._neighbours(position)):
+        for k, differences in enumerate(self._neighbours(position, base)):
             for (column, sign), table in zip(columns, found):
                 values = [self._values(column, sign, base, design) for _, design in differences]
                 table[:, k] = np.dot([weight for weight, _ in differences], values)
         self.slopes[key] = found[:-1], found[-1][0]
         return self.slopes[key]
 
-    def _stop_if_stuck(self) -> None:
-        """End the search where iterations move by less than the step of its differences, as their errors do for ever."""
-        if len(self.path) > PATIENCE and np.abs(np.array(self.path[-PATIENCE - 1 : -1]) - self.path[-1]).max() < self.step:
-            raise StoppedError("")
-
-    def _neighbours(self, position: np.ndarray) -> list[list[tuple[float, Design]]]:
+    def _neighbours(self, position: np.ndarray, base: Design) -> list[list[tuple[float, Design]]]:
         """Return, for each parameter, designs with the weights that give a derivative."""
 
         def moved(k: int, step: float) -> np.ndarray:
-            other = position.copy()
-            other[k] += step
-            return other
+            return position + step * np.eye(len(position))[k]
 
-        base = self._design(position)
-        room = [(min(self.step, 1.0 - unit), min(self.step, unit)) for unit in position]
-        both = [self.central and up == self.step == down for up, down in room]
-        steps = [[self.step, -self.step] if two else [self.step if up == self.step else -self.step]
-                 for two, (up, down) in zip(both, room)]  # fmt: skip
-        positions = [moved(k, step) for k, several in enumerate(steps) for step in several]
-        made = iter(self._ask(positions))
+        up = [self.step if unit <= 1.0 - self.step else -self.step for unit in position]
+        steps = [[step, -step] if self.central and 0.0 <= unit - step <= 1.0 else [step] for step, unit in zip(up, position)]
+        made = iter(self._ask([moved(k, step) for k, several in enumerate(steps) for step in several]))
         found = []
         for k, several in enumerate(steps):
             good = [(step, design) for step in several if (design := next(made)).ok]
-            if not good:  # the other side
-                (design,) = self._ask([moved(k, -several[0])]) if 0.0 <= position[k] - several[0] <= 1.0 else (None,)
-                if design is None or not design.ok:
-                    raise StoppedError("runs on both sides of a design failed")
-                good = [(-several[0], design)]
-            if len(good) == 2:
-                found.append([(0.5 / step, design) for step, design in good])
-            else:
-                found.append([(1.0 / good[0][0], good[0][1]), (-1.0 / good[0][0], base)])
+            if not good and 0.0 <= position[k] - several[0] <= 1.0:  # the other side
+                good = [(-several[0], design) for design in self._ask([moved(k, -several[0])]) if design.ok]
+            if not good:
+                raise StoppedError("runs on both sides of a design failed")
+            good += [(0.0, base)] * (len(good) < 2)
+            apart = good[0][0] - good[1][0]
+            found.append([(1.0 / apart, good[0][1]), (-1.0 / apart, good[1][1])])
         return found
-
-    def _margin_slopes(self, variables: np.ndarray) -> np.ndarray:
-        """Return the derivatives of `_margins`."""
-        tables, _ = self._slope(variables)
-        above = len(variables) > len(self.begin)
-        rows = []
-        for number, ((column, sign), table) in enumerate(zip(self._columns(), tables)):
-            count = EXTREMES if self.goal.worst_of_several(column, sign) else 1
-            padded = np.zeros((count, len(variables)))
-            padded[: len(table), : len(self.begin)] = -sign * table
-            if above and number == 0:
-                padded[:, -1] = 1.0
-            rows.append(padded)
-        return np.vstack(rows)
-
-    def _objective_slope(self, variables: np.ndarray) -> np.ndarray:
-        """Return the derivative of `_objective`."""
-        if len(variables) > len(self.begin):
-            return np.append(np.zeros(len(self.begin)), 1.0)
-        return self.goal.sign * self._slope(variables)[1]
 
 
 def search_all(runs: DesignRuns, searches: list[Search]) -> None:
@@ -289,41 +261,30 @@ def search_all(runs: DesignRuns, searches: list[Search]) -> None:
         for one in searches:
             if one.fault:
                 raise one.fault
-        _stop_slow_searches(searches, wanted)
-        _stop_where_searches_meet(searches, wanted)
-        asked = [(one, points) for one, points in wanted if points]
+        joined = _joined(searches, live)
         try:
-            found = iter(runs.of([point for _, points in asked for point in points]))
+            found = iter(runs.of([point for one, points in wanted if one not in joined for point in points]))
         except RunsOverError:
             over = True
-            for one, _ in wanted:
-                one.answers.put("the runs are used up")
-            continue
         for one, points in wanted:
-            one.answers.put([next(found) for _ in points] if points else JOINED)
+            one.answers.put("the runs are used up" if over else JOINED if one in joined else [next(found) for _ in points])
     if over:
         raise RunsOverError
 
 
-def _stop_slow_searches(searches: list[Search], wanted: list[tuple[Search, list[dict]]]) -> None:
-    """Empty the wishes of searches that need more than twice the iterations of one that has ended, and are worse."""
-    ended = [one for one in searches if not one.ended and one.over and one.best]
-    for one, points in wanted:
-        if any(len(one.path) > 2 * len(other.path) and other.goal.merit(other.best) <= one.goal.merit(one.best) for other in ended):
-            points.clear()
+def _joined(searches: list[Search], live: list[Search]) -> list[Search]:
+    """Return the searches that are not worth their runs: worse than another one.
 
-
-def _stop_where_searches_meet(searches: list[Search], wanted: list[tuple[Search, list[dict]]]) -> None:
-    """Empty the wishes of searches that are where another one is, or was when it ended, with a better design."""
-    stopped = []
-    for one, points in wanted:
+    That has ended after less than half as many iterations, or is, or was when it ended, in the same place.
+    """
+    stopped: list[Search] = []
+    for one in live:
         for other in searches:
-            if other is one or other in stopped or other.choice != one.choice or not (one.path and other.path):
+            if other is one or not other.best or not one.best or one.goal.merit(one.best) < one.goal.merit(other.best):
                 continue
-            if other.ended not in ("", JOINED):
-                continue
-            near = np.abs(one.path[-1] - other.path[-1]).max() < SAME
-            if near and one.goal.merit(other.best) <= one.goal.merit(one.best):
-                points.clear()
+            early = other.over and not other.ended and len(one.path) > 2 * len(other.path)
+            same = other.choice == one.choice and one.path and other.path and other.ended in ("", JOINED) and other not in stopped
+            if early or (same and np.abs(one.path[-1] - other.path[-1]).max() < SAME):
                 stopped.append(one)
                 break
+    return stopped

@@ -1,6 +1,11 @@
-"""Figures of summary.json and of results, as items and by their names: `figures.scene.bodies.crank.mass`."""
+"""Figures of summary.json and of results by their names, `figures.scene.bodies.crank.mass`; tables of results."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas
 
 
 class Figures(dict):
@@ -30,3 +35,16 @@ def figures(value: object) -> object:
     if isinstance(value, dict):
         return Figures({name: figures(item) for name, item in value.items()})
     return Named(figures(item) for item in value) if isinstance(value, list) else value
+
+
+class Tabular:
+    """A result with a table: `head` and `rows`."""
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return the table, units in the names of the columns."""
+        import pandas
+
+        return pandas.DataFrame(self.rows, columns=list(self.head))
+
+    def _repr_html_(self) -> str:
+        return self.to_dataframe().to_html(max_rows=20)

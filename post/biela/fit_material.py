@@ -26,6 +26,7 @@ from .material_law import GHM_KEYS, MAXWELL_KEYS, SHIFT_KEYS, Material, moved, o
 from .picture_files import FORMATS, save, stem_of
 from .plot import COLOURS, LOOK
 from .progress import Progress
+from .result_files import writing
 
 if TYPE_CHECKING:
     import pandas
@@ -412,10 +413,8 @@ def write(found: MaterialFit, stem: Path) -> tuple[Path, Path]:
     drawn = save(found.picture(), stem_of(stem, (".nml",)))
     lines = stem_of(stem, (*FORMATS, ".nml"))
     lines = lines.with_name(lines.name + ".nml")
-    try:
+    with writing(lines):
         lines.write_text(found.text, encoding="utf-8")
-    except OSError as fault:
-        raise DataError(f"{lines}: cannot be written ({fault.strerror})") from None
     return drawn, lines
 
 

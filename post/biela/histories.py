@@ -11,28 +11,24 @@ import contextlib
 import csv
 import fnmatch
 import functools
-import io
 import itertools
 import json
-import os
 import re
 import warnings
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
-from .number_text import REUSED, read_rows
+from .number_text import read_rows
 from .result_files import EVENTS, RESULT_FILES, HistoryError
 
 if TYPE_CHECKING:
     import pandas
 
 HEADER = "# columns:"
-LARGE = 20_000_000  # bytes beyond which faster parsers read a table; their numbers are right to an ulp or two
-BLOCK = 2_000_000  # bytes of a table that are read at a time
+LARGE = 20_000_000  # bytes beyond which faster parsers read a table
 WHOLE = 1.0e-9  # of a turn, by which the end of a whole one may err
 COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
 
@@ -128,11 +124,11 @@ class History:
         return f"it has {shown}" + (f" and {len(self.names) - 12} more" if len(self.names) > 12 else "")
 
 
-def read(source: str | Path, kind: str = "history") -> History:
+def read(source: str | Path, kind: str = "history", fast: bool = False) -> History:
     """Read a results file, a reference (`.csv`), or the file of a kind ('history', 'energy', 'motion', ...) in a results folder.
 
     HistoryError: the file is missing, has no column names, no rows, a row of the wrong length, a word that is no finite number, or
-    a time that does not increase.
+    a time that does not increase. Numbers of large tables, and of all where it has to be `fast`, are right to an ulp or two.
     """
     path = Path(source)
     if path.is_dir():
@@ -146,9 +142,11 @@ def read(source: str | Path, kind: str = "history") -> History:
         if twice:
             raise HistoryError(f"{path}: the column {twice[0]!r} is given twice")
         data = None
-        if path.stat().st_size > LARGE:
-            data = None if separator else read_rows(path, size, len(names))
-            data = _large_table(path, size, len(names), separator) if data is None else data
+        large = path.stat().st_size > LARGE
+        if (large or fast) and not separator:
+            data = read_rows(path, size, len(names))
+        if large and data is None:
+            data = _large_table(path, size, len(names), separator)
         if data is None or not len(data):
             data = np.asfortranarray(_rows(path, len(head), len(names), separator))
     except FileNotFoundError:
@@ -176,42 +174,19 @@ def _head(path: Path, separator: str | None) -> tuple[list[str], int]:
 
 
 def _large_table(path: Path, first: int, width: int, separator: str | None) -> np.ndarray | None:
-    """Return a table whose rows begin at a byte, by pandas on all cores; None: pandas is missing or cannot read it."""
+    """Return a table whose rows begin at a byte, read by pandas; None: pandas is missing or cannot read it."""
     try:
         import pandas
     except ImportError:
         return None
     form = dict(sep=separator or r"\s+", header=None, dtype=float, na_filter=False, quoting=csv.QUOTE_NONE)
-
-    def text(begin: int) -> bytes:
-        """Return the lines that begin in a block."""
-        with path.open("rb") as file:
-            file.seek(max(begin - 1, first))
-            if begin > first:
-                file.readline()
-            found = file.read(max(begin + BLOCK - file.tell(), 0))
-            return found if not found or found.endswith(b"\n") else found + file.readline()
-
-    def rows_of(begin: int) -> np.ndarray:
-        lines = text(begin)
-        rows = pandas.read_csv(io.BytesIO(lines), **form).to_numpy() if lines.strip() else np.empty((0, width))
-        if rows.shape[1] != width:
-            raise ValueError
-        return rows
-
-    begins = range(first, path.stat().st_size, BLOCK)
-    np.empty(REUSED, np.uint8)  # freed at once: the memory of one block is used again for the next
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        data = np.empty((1 + sum(pool.map(lambda begin: text(begin).count(b"\n"), begins)), width), order="F")
-        size = 0
+    with path.open("rb") as file:
+        file.seek(first)
         try:
-            for part in pool.map(rows_of, begins):
-                data[size : size + len(part)] = part
-                size += len(part)
-        except ValueError:  # also that of pandas: a word that is no number, a row that is too long
-            pool.shutdown(cancel_futures=True)
+            data = np.asfortranarray(pandas.read_csv(file, **form).to_numpy())
+        except ValueError:  # also that of pandas: a word that is no number, a row that is too long, no rows
             return None
-    return data[:size] if all(np.isfinite(data[:size, k]).all() for k in range(width)) else None
+    return data if data.shape[1] == width and np.isfinite(data).all() else None
 
 
 class Event(NamedTuple):

@@ -14,6 +14,7 @@ from .command import options_of
 from .deck import flat_text
 from .design_runs import Design, DesignRuns, RunsOverError
 from .design_space import Space
+from .figures import Tabular
 from .result_files import HistoryError, remove_noted
 from .sweep_run import settings_of
 from .sweep_study import Study, StudyOptions
@@ -21,7 +22,6 @@ from .sweep_work import prepare, write_table
 
 if TYPE_CHECKING:
     import matplotlib.pyplot as plt
-    import pandas
 
 STEP = 1.0e-3  # of the differences on both sides, in parts of the ranges
 INSIDE = 1.0e-3  # distance of a start from the ends of the ranges
@@ -31,7 +31,7 @@ HEADER = ("parameter", "unit", "value", "from", "to")
 
 
 @dataclass(frozen=True)
-class Identified:
+class Identified(Tabular):
     """Parameters that explain what was measured.
 
     The errors of what was measured are taken as independent and normal, the model as right and linear within the intervals.
@@ -105,12 +105,6 @@ class Identified:
             ways = ", ".join(f"{name} {part:+.2f}" for name, part in way.items())
             lines.append(f"  the data do not tell: {ways} of the ranges, together")
         return lines + [f"  note: {words}" for words in self.notes]
-
-    def to_dataframe(self) -> pandas.DataFrame:
-        """Return the table of the parameters."""
-        import pandas
-
-        return pandas.DataFrame(self.rows, columns=HEADER)
 
     def picture(self) -> plt.Figure:
         """Draw what was measured, the model, and their differences."""

@@ -78,7 +78,7 @@ def read_rows(path: Path, first: int, width: int) -> np.ndarray | None:
         return None
     found = np.empty((size, width), order="F")
     workers = os.cpu_count() or 1
-    share = -(-size // workers)
+    share = max(-(-size // workers), PART // width)
 
     def fill(begin: int) -> bool:
         """Fill a share of the rows; the memory of a part is used again, as to get it anew costs more than the numbers."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import csv
 import json
 import math
 from dataclasses import replace
@@ -18,10 +17,10 @@ from .design_runs import Design, DesignRuns, RunsOverError
 from .design_search import Goal, Limit, Search, scales_of, search_all, several_of
 from .design_space import Space
 from .optimum import ACTIVE, Optimum, position_of
-from .result_files import HistoryError, remove_noted
+from .result_files import HistoryError, remove_noted, writing
 from .sweep_run import settings_of
 from .sweep_study import Study, StudyOptions
-from .sweep_work import parse_goal, prepare, tell
+from .sweep_work import parse_goal, prepare, tell, write_table
 
 EVERY_CHOICE = 64  # combinations of the lists, each of which is searched
 SPREAD = 2.0  # sigma of the distance within which a better position of the sample rules a start out
@@ -193,19 +192,11 @@ def _analyse_optimum(runs: DesignRuns, space: Space, found: Optimum) -> None:
     if not np.isfinite(down).all() or not np.isfinite(columns).all():
         found.residual = math.inf, 0.0
         return
-    several = [down]
-    if goal.worst_of_several(goal.column, goal.sign) and len(best.extremes[goal.column]) > 1:
-        several = _slopes_of_extremes(runs, found) or several
-    # the objective's slope, or one of those of its extremes that are as large, is what the limits' slopes make up
-    if len(several) == 1:
-        matrix = np.array(columns).T if columns else np.zeros((len(down), 1))
-        factors, left = nnls(matrix, down)
-    else:
-        heavy = 1.0e3 * max(np.abs(several).max(), 1.0)
-        matrix = np.vstack(
-            [np.array([*columns, *(-one for one in several)]).T, heavy * np.array([0.0] * len(columns) + [1.0] * len(several))]
-        )
-        factors, left = nnls(matrix, np.append(np.zeros(len(down)), heavy))
+    several = _slopes_of_extremes(runs, found) or [down]
+    # the objective's slope, or a mean of those of its extremes that are as large, is what the limits' slopes make up
+    heavy = 1.0e3 * max(np.abs(several).max(), 1.0)
+    sums = heavy * np.array([0.0] * len(columns) + [1.0] * len(several))
+    factors, left = nnls(np.vstack([np.array([*columns, *(-one for one in several)]).T, sums]), np.append(0.0 * down, heavy))
     found.residual = float(left), float(np.linalg.norm(errors[goal.column] / goal.scales[goal.column]))
     for limit, factor in zip(active, factors):
         change = -goal.sign * limit.sign * factor * goal.scales[goal.column] / goal.scales[limit.column]
@@ -214,15 +205,15 @@ def _analyse_optimum(runs: DesignRuns, space: Space, found: Optimum) -> None:
 
 def _slopes_of_extremes(runs: DesignRuns, found: Optimum) -> list[np.ndarray]:
     """Return the scaled slopes of those extremes of the objective that are as large as the largest one."""
-    goal, best = found.goal, found.best
-    probe = Search(0, found.space, goal, found.choice, found.position, central=True)
-    size = goal.scales[goal.column]
-    value = best.values[goal.column]
+    goal, value = found.goal, found.best.values[found.goal.column]
     tolerance = max(1.0e-3 * abs(value), found.errors[goal.column])
-    near = [k for k, (_, other) in enumerate(best.extremes[goal.column]) if abs(other - value) <= tolerance]
+    near = [k for k, (_, other) in enumerate(found.best.extremes[goal.column]) if abs(other - value) <= tolerance]
+    if not goal.worst_of_several(goal.column, goal.sign) or len(near) < 2:
+        return []
+    probe = Search(0, found.space, goal, found.choice, found.position, central=True)
     probe._ask = lambda positions: runs.of([found.space.point(position, found.choice) for position in positions])
     tables, _ = probe._slope(found.position)
-    return [goal.sign * tables[0][k] for k in near] if size > 0.0 and len(near) > 1 else []
+    return [goal.sign * tables[0][k] for k in near]
 
 
 def _continue_search(runs: DesignRuns, space: Space, found: Optimum) -> None:
@@ -231,21 +222,19 @@ def _continue_search(runs: DesignRuns, space: Space, found: Optimum) -> None:
     Where runs fail, or at a kink, the slope leads nowhere: there the second finds what the first cannot.
     """
     walled = any(not one.ok and np.abs(position_of(space, one)[0] - found.position).max() <= SIMPLEX for one in runs.made)
-    for attempt in (_without_slopes,) if walled else (_search_by_both_sides, _without_slopes):
+    for slopes in (False,) if walled else (True, False):
         left, error = found.residual
         if left <= max(3.0 * error, 1.0e-3):
             return
         before = found.goal.merit(found.best)
-        attempt(runs, space, found)
+        if slopes:
+            found.searches.append(Search(len(found.searches) + 1, space, found.goal, found.choice, found.position, central=True))
+            search_all(runs, found.searches[-1:])
+        else:
+            _without_slopes(runs, space, found)
         _take_best(runs, found)
         if found.goal.merit(found.best) < before:
             _analyse_optimum(runs, space, found)
-
-
-def _search_by_both_sides(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Search once more from the best design."""
-    found.searches.append(Search(len(found.searches) + 1, space, found.goal, found.choice, found.position, central=True))
-    search_all(runs, found.searches[-1:])
 
 
 def _without_slopes(runs: DesignRuns, space: Space, found: Optimum) -> None:
@@ -270,15 +259,12 @@ def _without_slopes(runs: DesignRuns, space: Space, found: Optimum) -> None:
 
 def write_files(found: Optimum, options: StudyOptions) -> None:
     """Write the history of the runs, the optimum as JSON and as a deck of its own, which runs alone."""
-    try:
-        with (found.folder / "history.csv").open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file).writerows(found.history())
+    write_table(found.folder / "history.csv", found.head, found.rows)
+    with writing(found.folder / "optimum.json"):
         (found.folder / "optimum.json").write_text(json.dumps(found.figures, indent=1) + "\n", encoding="utf-8")
         if found.best:
             deck = flat_text(options.biela, found.study.deck, *settings_of(found.study, found.best.point))
             (found.folder / "optimum.nml").write_text(deck, encoding="utf-8")
-    except OSError as fault:
-        raise HistoryError(f"{fault.filename}: cannot be written ({fault.strerror})") from None
 
 
 def optimise(options: StudyOptions) -> Optimum:

@@ -6,7 +6,6 @@ import html
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,17 +13,14 @@ from .derivatives import Derivatives
 from .design_runs import Design
 from .design_search import SAME, Goal, Search
 from .design_space import Space
-from .figures import Figures
+from .figures import Figures, Tabular
 from .sweep_study import Study
-
-if TYPE_CHECKING:
-    import pandas
 
 ACTIVE = 1.0e-4  # distance from a limit at which it holds the optimum back, of the value's size; or the error of its run
 
 
 @dataclass
-class Optimum:
+class Optimum(Tabular):
     """What a search ends with."""
 
     study: Study  # that was searched
@@ -52,11 +48,6 @@ class Optimum:
     def names(self) -> list[str]:
         """Of parameters and results."""
         return [one.name for one in (*self.study.parameters, *self.study.scalars)]
-
-    @property
-    def report(self) -> list[str]:
-        """What was found, in lines."""
-        return report_of(self)
 
     @property
     def feasible(self) -> bool:
@@ -98,11 +89,16 @@ class Optimum:
             found |= {"feasible": self.feasible, "parameters": self.best.point, "results": self.results, "prices": self.prices}
         return found | ({"sensitivities": self.sensitivities} if self.slopes is not None else {})
 
-    def history(self) -> list[list]:
-        """Return the head and the rows of the table of all runs: number, values, violation of the limits, best value so far."""
-        head = [one.label for one in self.study.parameters]
-        head += [one.name + (f"[{unit}]" if unit else "") for one, unit in zip(self.study.scalars, self.units)]
-        own, best, rows = len(self.study.parameters), math.inf, [["run", *head, "violation", "best", "failure"]]
+    @property
+    def head(self) -> list[str]:
+        """Of the table of all runs."""
+        results = (one.name + (f"[{unit}]" if unit else "") for one, unit in zip(self.study.scalars, self.units))
+        return ["run", *(one.label for one in self.study.parameters), *results, "violation", "best", "failure"]
+
+    @property
+    def rows(self) -> list[list]:
+        """All runs: number, values, violation of the limits, best value so far."""
+        own, best, rows = len(self.study.parameters), math.inf, []
         for number, design in enumerate(self.made, 1):
             violation, value = self.goal.merit(design)
             best = min(best, value) if violation == 0.0 else best
@@ -110,12 +106,62 @@ class Optimum:
             rows.append([number, *shown, violation, self.goal.sign * best if best < math.inf else "", design.reason])
         return rows
 
-    def to_dataframe(self) -> pandas.DataFrame:
-        """Return the table of all runs."""
-        import pandas
+    @property
+    def report(self) -> list[str]:
+        """What was found, in lines; what its slopes do not explain is among them."""
+        goal, names, own = self.goal, self.names, len(self.study.parameters)
+        failed = sum(not one.ok for one in self.made)
+        lines = [f"{self.runs} runs, {failed} failed"]
+        if self.best is None:
+            return [*lines, "no run gave its results: " + self.made[0].reason if self.made else "no run was made"]
+        units = [one.unit for one in self.study.parameters] + self.units
 
-        head, *rows = self.history()
-        return pandas.DataFrame(rows, columns=head)
+        def shown(k: int) -> str:
+            value = list(self.best.point.values())[k] if k < own else self.best.values[k]
+            return f"{names[k]} = {value:.6g} {units[k]}".rstrip() if isinstance(value, float) else f"{names[k]} = {value}"
+
+        goal_text = f"{'min' if goal.sign > 0 else 'max'} {names[goal.column]}"
+        missed = goal.violation(self.best)
+        head = f"best ({goal_text}): " if not missed else "no design meets all limits; the nearest one: "
+        lines.append(head + ", ".join(map(shown, range(own))))
+        lines.append("  " + ", ".join(map(shown, range(own, len(names)))))
+        for limit in goal.limits:
+            value, name = self.best.values[limit.column], names[limit.column]
+            words = f"  limit {name} {'<' if limit.sign > 0 else '>'} {limit.bound:.6g}: "
+            if limit.sign * (limit.bound - value) < 0.0:
+                lines.append(words + f"missed, {name} = {value:.6g}")
+            elif name in self.prices:
+                price = self.prices[name] * 0.01 * (abs(limit.bound) or goal.scales[limit.column])
+                lines.append(words + f"active; 1 % more changes {names[goal.column]} by {price:+.3g} {units[goal.column]}".rstrip())
+            else:
+                lines.append(words + f"not active, {name} = {value:.6g}")
+        for k, one in enumerate(self.space.free):
+            if not missed and self.slopes is not None and min(self.position[k], 1.0 - self.position[k]) <= ACTIVE:
+                lines.append(f"  {one.name} is at its {'lower' if self.position[k] < 0.5 else 'upper'} end")
+        lines += self._ends()
+        value, good = self.best.values[goal.column], [k + 1 for k, one in enumerate(self.made) if not goal.violation(one)]
+        at = next((k for k in good if abs(self.made[k - 1].values[goal.column] - value) <= 1.0e-3 * abs(value)), 0)
+        if at:
+            lines.append(f"  within 0.1 % of the best after {at} runs")
+        return lines + [f"  note: {words}" for words in self.notes]
+
+    def _ends(self) -> list[str]:
+        """Return how the searches ended: at which optima."""
+        goal, ends = self.goal, []
+        for one in self.searches:
+            if one.best is None or one.ended.startswith("another") or one.central or goal.violation(one.best):
+                continue
+            position, choice = position_of(self.space, one.best)
+            if all(choice != other or np.abs(position - there).max() > SAME for there, other, _ in ends):
+                ends.append((position, choice, one.best.values[goal.column]))
+        count = len([one for one in self.searches if not one.central])
+        if not count:
+            return []
+        ordered = sorted((value for *_, value in ends), key=lambda value: goal.sign * value)
+        values = ", ".join(f"{value:.6g}" for value in ordered[:7])
+        several = "1 search" if count == 1 else f"{count} searches"
+        return [f"  {several} ended at {len(ends)} optim{'um' if len(ends) == 1 else 'a'}: {self.names[goal.column]} = {values}"] \
+            if ends else [f"  {several}, none of which met all limits"]  # fmt: skip
 
     def _repr_html_(self) -> str:
         return "<pre>" + html.escape("\n".join(self.report)) + "</pre>"
@@ -130,61 +176,3 @@ def position_of(space: Space, design: Design) -> tuple[np.ndarray, tuple]:
     """Return position and choice of a design."""
     position = np.array([space.unit(k, design.point[one.name]) for k, one in enumerate(space.free)])
     return np.clip(position, 0.0, 1.0), tuple(design.point[one.name] for one in space.lists)
-
-
-def report_of(found: Optimum) -> list[str]:
-    """Return what a search has found, in lines; what its slopes do not explain is among them."""
-    study, goal, names = found.study, found.goal, found.names
-    own = len(study.parameters)
-    failed = sum(not one.ok for one in found.made)
-    lines = [f"{found.runs} runs, {failed} failed"]
-    if found.best is None:
-        return [*lines, "no run gave its results: " + found.made[0].reason if found.made else "no run was made"]
-    units = [one.unit for one in study.parameters] + found.units
-
-    def shown(k: int) -> str:
-        value = list(found.best.point.values())[k] if k < own else found.best.values[k]
-        return f"{names[k]} = {value:.6g} {units[k]}".rstrip() if isinstance(value, float) else f"{names[k]} = {value}"
-
-    goal_text = f"{'min' if goal.sign > 0 else 'max'} {names[goal.column]}"
-    missed = goal.violation(found.best)
-    head = f"best ({goal_text}): " if not missed else "no design meets all limits; the nearest one: "
-    lines.append(head + ", ".join(map(shown, range(own))))
-    lines.append("  " + ", ".join(map(shown, range(own, len(names)))))
-    for limit in goal.limits:
-        value, name = found.best.values[limit.column], names[limit.column]
-        words = f"  limit {name} {'<' if limit.sign > 0 else '>'} {limit.bound:.6g}: "
-        if limit.sign * (limit.bound - value) < 0.0:
-            lines.append(words + f"missed, {name} = {value:.6g}")
-        elif name in found.prices:
-            price = found.prices[name] * 0.01 * (abs(limit.bound) or goal.scales[limit.column])
-            lines.append(words + f"active; 1 % more changes {names[goal.column]} by {price:+.3g} {units[goal.column]}".rstrip())
-        else:
-            lines.append(words + f"not active, {name} = {value:.6g}")
-    for k, one in enumerate(found.space.free):
-        if not missed and found.slopes is not None and min(found.position[k], 1.0 - found.position[k]) <= ACTIVE:
-            lines.append(f"  {one.name} is at its {'lower' if found.position[k] < 0.5 else 'upper'} end")
-    lines += _ends(found)
-    value, good = found.best.values[goal.column], [k + 1 for k, one in enumerate(found.made) if not goal.violation(one)]
-    at = next((k for k in good if abs(found.made[k - 1].values[goal.column] - value) <= 1.0e-3 * abs(value)), 0)
-    if at:
-        lines.append(f"  within 0.1 % of the best after {at} runs")
-    return lines + [f"  note: {words}" for words in found.notes]
-
-
-def _ends(found: Optimum) -> list[str]:
-    """Return how the searches ended: at which optima."""
-    goal, ends = found.goal, []
-    for one in found.searches:
-        if one.best is None or one.ended.startswith("another") or one.central or goal.violation(one.best):
-            continue
-        position, choice = position_of(found.space, one.best)
-        if all(choice != other or np.abs(position - there).max() > SAME for there, other, _ in ends):
-            ends.append((position, choice, one.best.values[goal.column]))
-    count = len([one for one in found.searches if not one.central])
-    if not count:
-        return []
-    values = ", ".join(f"{value:.6g}" for value in sorted((value for *_, value in ends), key=lambda value: goal.sign * value)[:7])
-    several = "1 search" if count == 1 else f"{count} searches"
-    return [f"  {several} ended at {len(ends)} optim{'um' if len(ends) == 1 else 'a'}: {found.names[goal.column]} = {values}"] \
-        if ends else [f"  {several}, none of which met all limits"]  # fmt: skip

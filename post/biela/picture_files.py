@@ -6,7 +6,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from .result_files import HistoryError, note
+from .result_files import note, writing
 
 FORMATS = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg")
 
@@ -14,12 +14,6 @@ FORMATS = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg")
 def stem_of(path: Path, suffixes: tuple[str, ...] = FORMATS) -> Path:
     """Return a path without its suffix where that is one of the formats; any other dot belongs to the name."""
     return path.with_suffix("") if path.suffix.lower() in suffixes else path
-
-
-def picture_path(path: Path, part: str = "") -> Path:
-    """Return the path of a picture: the suffix that is given is taken, else it is PNG; a part such as `_modes` ends the name."""
-    stem = stem_of(path)
-    return stem.with_name(stem.name + part + (path.name[len(stem.name) :] or ".png"))
 
 
 def lay_out(figure: plt.Figure) -> None:
@@ -36,15 +30,14 @@ def lay_out(figure: plt.Figure) -> None:
 
 
 def save(figure: plt.Figure, path: Path, part: str = "") -> Path:
-    """Write a figure and return the path of the picture; its folder is made where it is missing; HistoryError."""
-    picture = picture_path(path, part)
+    """Write a figure and return its path, with the suffix that is given, else PNG; a part such as `_modes` ends the name."""
+    stem = stem_of(path)
+    picture = stem.with_name(stem.name + part + (path.name[len(stem.name) :] or ".png"))
     try:
-        picture.parent.mkdir(parents=True, exist_ok=True)
-        lay_out(figure)
-        figure.savefig(picture)
-        note(picture)
-    except OSError as fault:
-        raise HistoryError(f"{picture}: cannot be written ({fault.strerror})") from None
+        with writing(picture):
+            lay_out(figure)
+            figure.savefig(picture)
+            note(picture)
     finally:
         plt.close(figure)
     return picture

@@ -36,25 +36,22 @@ class Share:
 
 
 def quantiles_of(name: str, values: np.ndarray, levels: tuple[float, ...]) -> list[Quantile]:
-    """Return quantiles of independent draws with their intervals, those of order statistics, of whatever distribution.
+    """Return quantiles of independent draws with their intervals, of whatever distribution (order statistics).
 
-    An end is infinite where the draws are too few to bound it (David & Nagaraja, Order Statistics, 7.1).
+    An end is infinite where the draws are too few to bound it.
     """
-    from scipy.stats import binom
+    from scipy.stats import quantile_test
 
-    ranks, count, tail = np.concatenate([[-math.inf], np.sort(values), [math.inf]]), len(values), 0.5 * (1.0 - SURE)
     found = []
-    for level in levels if count else ():
-        low, high = int(binom.ppf(tail, count, level)), int(binom.ppf(1.0 - tail, count, level)) + 1
-        found.append(Quantile(name, level, float(np.quantile(values, level)), float(ranks[low]), float(ranks[high])))
+    for level in levels if len(values) else ():
+        low, high = quantile_test(values, p=level).confidence_interval(SURE)
+        ends = -math.inf if np.isnan(low) else float(low), math.inf if np.isnan(high) else float(high)
+        found.append(Quantile(name, level, float(np.quantile(values, level)), *ends))
     return found
 
 
 def share_of(condition: str, good: int, count: int) -> Share:
     """Return a share with its interval (Clopper & Pearson, Biometrika 26, 1934)."""
-    from scipy.stats import beta
+    from scipy.stats import binomtest
 
-    tail = 0.5 * (1.0 - SURE)
-    low = float(beta.ppf(tail, good, count - good + 1)) if good else 0.0
-    high = float(beta.ppf(1.0 - tail, good + 1, count - good)) if good < count else 1.0
-    return Share(condition, good / count, low, high)
+    return Share(condition, good / count, *map(float, binomtest(good, count).proportion_ci(SURE)))

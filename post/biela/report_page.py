@@ -9,7 +9,7 @@ import math
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Callable
 
 import jinja2
 import matplotlib.pyplot as plt
@@ -24,7 +24,7 @@ from .histories import History, read, read_summary
 from .mechanism import from_run
 from .picture_files import lay_out
 from .progress import Progress
-from .result_files import RESULT_FILES, HistoryError, note
+from .result_files import RESULT_FILES, HistoryError, note, writing
 
 if TYPE_CHECKING:
     import pandas
@@ -97,9 +97,7 @@ class Run:
     def outcome(self) -> str:
         """How the run ended, and whether the solver warns."""
         count = len(self.figures["warnings"])
-        if count:
-            return f"{self.figures['outcome']}, but with {count} warning{'s' if count > 1 else ''}"
-        return self.figures["outcome"]
+        return self.figures["outcome"] + (f", but with {count} warning{'s' if count > 1 else ''}" if count else "")
 
     @property
     def clean(self) -> bool:
@@ -249,15 +247,23 @@ def side_by_side(title: str, runs: list[Run], *parts: str) -> Section | None:
     return Section(title, [Part(head=head, rows=rows)]) if rows else None
 
 
-def scene(runs: list[Run]) -> Section:
+def each(title: str, runs: list[Run], make: Callable[[Run], Part | None]) -> Section | None:
+    """Return a section with a part of each run that has one, under its name where there are two runs; None where none has."""
+    parts = [(run, part) for run in runs if (part := make(run))]
+    for run, part in parts:
+        part.heading = run.label if len(runs) > 1 else ""
+    return Section(title, [part for _, part in parts]) if parts else None
+
+
+def scene(runs: list[Run]) -> Section | None:
     """Return the scene as assembled."""
-    parts = []
-    for run in runs:
-        same = run is not runs[0] and run.figures["scene"] == runs[0].figures["scene"]
-        shown = [] if same else [embed(scene_picture.draw(run.figures, ""), f"{run.label}: the scene as assembled")]
-        words = ["The same scene."] if same else []
-        parts.append(Part(heading=run.label if len(runs) > 1 else "", pictures=shown, paragraphs=words))
-    return Section("Scene", parts)
+
+    def of(run: Run) -> Part:
+        if run is not runs[0] and run.figures["scene"] == runs[0].figures["scene"]:
+            return Part(paragraphs=["The same scene."])
+        return Part(pictures=[embed(scene_picture.draw(run.figures, ""), f"{run.label}: the scene as assembled")])
+
+    return each("Scene", runs, of)
 
 
 def differences(runs: list[Run], names: list[str]) -> list[Part]:
@@ -304,72 +310,55 @@ def histories(runs: list[Run]) -> Section | None:
     return Section("Histories", parts)
 
 
-def energy(runs: list[Run]) -> Section | None:
+def energy(run: Run) -> Part | None:
     """Return energies, residual and openings of the joints."""
-    parts = []
-    for run in runs:
-        table = run.table("energy")
-        if table is None:
-            continue
-        shown = [name for name in table.names[1:] if np.any(table[name])]
-        lost = loss_picture.draw(table, run.figures.get("transient", {}))
-        pictures = [embed(lost, f"{run.label}: energy lost over time, and by what")] if lost else []
-        pictures += column_pictures([table], [run.label], shown, f"{run.label}: energies, their residual, openings of joints")
-        parts.append(Part(heading=run.label if len(runs) > 1 else "", pictures=pictures))
-    return Section("Energy", parts) if parts else None
+    table = run.table("energy")
+    if table is None:
+        return None
+    shown = [name for name in table.names[1:] if np.any(table[name])]
+    lost = loss_picture.draw(table, run.figures.get("transient", {}))
+    pictures = [embed(lost, f"{run.label}: energy lost over time, and by what")] if lost else []
+    named = f"{run.label}: energies, their residual, openings of joints"
+    return Part(pictures=pictures + column_pictures([table], [run.label], shown, named))
 
 
-def modal(runs: list[Run]) -> Section | None:
+def modal(run: Run) -> Part | None:
     """Return poles and shapes."""
-    parts = []
-    for run in runs:
-        table = run.table("modes")
-        if table is None:
-            continue
-        found = run.figures["modes"]
-        rows = [
-            [pole["kind"], *(table_text(pole[key]) for key in ("mode", "frequency", "damping_ratio", "real_part"))]
-            for pole in found["poles"]
-        ]
-        head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
-        shown = mode_pictures.chosen_rows(table, None)
-        shapes = mode_pictures.draw_shapes(table, shown)
-        pictures = [embed(shapes, f"{run.label}: shapes"), embed(mode_pictures.draw_poles(table), f"{run.label}: poles")]
-        words = [line for line in (found["complete"], found["complete_damped"]) if line]
-        parts.append(Part(heading=run.label if len(runs) > 1 else "", paragraphs=words, head=head, rows=rows, pictures=pictures))
-    return Section("Modes", parts) if parts else None
+    table = run.table("modes")
+    if table is None:
+        return None
+    found = run.figures["modes"]
+    keys = ("mode", "frequency", "damping_ratio", "real_part")
+    rows = [[pole["kind"], *(table_text(pole[key]) for key in keys)] for pole in found["poles"]]
+    head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
+    shapes = mode_pictures.draw_shapes(table, mode_pictures.chosen_rows(table, None))
+    pictures = [embed(shapes, f"{run.label}: shapes"), embed(mode_pictures.draw_poles(table), f"{run.label}: poles")]
+    words = [line for line in (found["complete"], found["complete_damped"]) if line]
+    return Part(paragraphs=words, head=head, rows=rows, pictures=pictures)
 
 
-def responses(runs: list[Run]) -> Section | None:
+def responses(run: Run) -> Part | None:
     """Return the frequency responses."""
-    parts = []
-    for run in runs:
-        table = run.table("frequency_response")
-        if table is None:
-            continue
-        names = mode_pictures.sensors(table, None)
-        figure = mode_pictures.draw_response(table, names)
-        caption = f"{run.label}: response to {run.figures['frequency_response']['input']}"
-        parts.append(Part(heading=run.label if len(runs) > 1 else "", pictures=[embed(figure, caption)]))
-    return Section("Frequency response", parts) if parts else None
+    table = run.table("frequency_response")
+    if table is None:
+        return None
+    figure = mode_pictures.draw_response(table, mode_pictures.sensors(table, None))
+    return Part(pictures=[embed(figure, f"{run.label}: response to {run.figures['frequency_response']['input']}")])
 
 
-def motion(runs: list[Run]) -> Section | None:
+def motion(run: Run) -> Part | None:
     """Return snapshots of the motion, and the film that animate.py has made of it, where it has."""
-    parts = []
-    for run in runs:
-        table = run.table("motion")
-        if table is not None and len(table.time) > 1:
-            words = f"{len(table.time)} instants from {table.time[0]:.4g} s to {table.time[-1]:.4g} s; three of them below."
-            parts.append(Part(heading=run.label if len(runs) > 1 else "", paragraphs=[words]))
-            parts[-1].pictures = [embed(sheet(from_run(table), 3), f"{run.label}: motion")]
-            film = next((path for kind in FILMS if (path := run.folder / f"motion{kind}").is_file()), None)
-            if film:
-                data = base64.b64encode(film.read_bytes()).decode()
-                parts[-1].film = f"data:{FILMS[film.suffix]};base64,{data}"
-            else:
-                parts[-1].paragraphs.append("A film of it stands here where post/animate.py has made one before this page.")
-    return Section("Motion", parts) if parts else None
+    table = run.table("motion")
+    if table is None or len(table.time) < 2:
+        return None
+    words = f"{len(table.time)} instants from {table.time[0]:.4g} s to {table.time[-1]:.4g} s; three of them below."
+    part = Part(paragraphs=[words], pictures=[embed(sheet(from_run(table), 3), f"{run.label}: motion")])
+    film = next((path for kind in FILMS if (path := run.folder / f"motion{kind}").is_file()), None)
+    if film:
+        part.film = f"data:{FILMS[film.suffix]};base64,{base64.b64encode(film.read_bytes()).decode()}"
+    else:
+        part.paragraphs.append("A film of it stands here where post/animate.py has made one before this page.")
+    return part
 
 
 def tradeoff(runs: list[Run], folder: Path | None) -> Section | None:
@@ -391,14 +380,14 @@ def tradeoff(runs: list[Run], folder: Path | None) -> Section | None:
 
 def sections(runs: list[Run], study: Path | None) -> list[Section]:
     """Return the page's sections; those of which a run has no file are left out."""
-    decks = [Part(heading=run.label if len(runs) > 1 else "", text=run.figures["deck_text"]) for run in runs]
     title = "Decks" if len(runs) > 1 else "Deck"
     makers = [
-        lambda: results(runs), lambda: scene(runs), lambda: histories(runs), lambda: motion(runs),
-        lambda: side_by_side("Equilibrium", runs, "static"), lambda: modal(runs), lambda: responses(runs),
-        lambda: tradeoff(runs, study), lambda: energy(runs),
+        lambda: results(runs), lambda: scene(runs), lambda: histories(runs), lambda: each("Motion", runs, motion),
+        lambda: side_by_side("Equilibrium", runs, "static"), lambda: each("Modes", runs, modal),
+        lambda: each("Frequency response", runs, responses), lambda: tradeoff(runs, study), lambda: each("Energy", runs, energy),
         lambda: side_by_side("Model and solver", runs, "model", "transient", "timing"),
-        lambda: side_by_side("Stable steps", runs, "stable_steps"), lambda: Section(title, decks),
+        lambda: side_by_side("Stable steps", runs, "stable_steps"),
+        lambda: each(title, runs, lambda run: Part(text=run.figures["deck_text"])),
     ]  # fmt: skip
     found = []
     for number, make in enumerate(makers, 1):
@@ -424,12 +413,9 @@ class Report:
     def save(self, path: str | Path) -> Path:
         """Write the page; HistoryError where it cannot be written."""
         path = Path(path)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+        with writing(path):
             path.write_text(self.html, encoding="utf-8")
             note(path)
-        except OSError as fault:
-            raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
         return path
 
     def to_dataframe(self) -> pandas.DataFrame:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 RESULT_FILES = {
@@ -24,6 +26,16 @@ class BielaError(Exception):
 
 class HistoryError(BielaError):
     """A results file that is missing or damaged, or a column that it does not have."""
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Make the folder of a file that is written within this context; HistoryError where that is not allowed."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as fault:
+        raise HistoryError(f"{path}: cannot be written ({fault.strerror or fault})") from None
 
 
 def note(*paths: Path) -> None:

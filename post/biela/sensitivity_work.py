@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,13 +14,14 @@ from .deck import Deck
 from .derivatives import HEADER, derivatives, rows_of
 from .design_runs import Design, DesignRuns, RunsOverError
 from .design_space import Space
+from .figures import Tabular
 from .result_files import BielaError, HistoryError, remove_noted
 from .sweep_study import Study, StudyOptions
-from .sweep_work import prepare, tell
+from .sweep_work import prepare, tell, write_table
 
 if TYPE_CHECKING:
     import matplotlib.pyplot as plt
-    import pandas
+
 
 class FailedDesignError(BielaError):
     """The run of the design at which derivatives are wanted fails."""
@@ -77,8 +77,10 @@ def lines_of(study: Study, space: Space, rows: list[list], units: list[str]) -> 
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class Sensitivity(Tabular):
     """Derivatives of a study's results at one design."""
+
+    head = HEADER
 
     study: Study  # of the results
     space: Space  # of its designs
@@ -99,20 +101,11 @@ class Sensitivity:
             lines.append(f"  {scalar.name} = {value:.6g} {self.units[k]}".rstrip() + f" (error of the run {error:.1e})")
         return lines + lines_of(self.study, self.space, self.rows, self.units)
 
-    def to_dataframe(self) -> pandas.DataFrame:
-        """Return the table: derivatives with errors, changes by the spread of each parameter."""
-        import pandas
-
-        return pandas.DataFrame(self.rows, columns=HEADER)
-
     def picture(self) -> plt.Figure:
         """Draw the changes by the spread of each parameter (a tornado)."""
         from . import optimise_picture
 
         return optimise_picture.tornado(self.study, self.space, self.rows, self.units, _shown(self.base, 4))
-
-    def _repr_html_(self) -> str:
-        return self.to_dataframe().to_html()
 
 
 def sensitivity(options: StudyOptions) -> Sensitivity:
@@ -135,11 +128,7 @@ def sensitivity(options: StudyOptions) -> Sensitivity:
             raise HistoryError(f"{options.study}: runs = {study.runs} are too few: {8 * len(space.free) + 2} expected") from None
     rows = rows_of(study, space, base, found)
     remove_noted(folder)
-    try:
-        with (folder / "table.csv").open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file).writerows([HEADER, *rows])
-    except OSError as fault:
-        raise HistoryError(f"{folder / 'table.csv'}: cannot be written ({fault.strerror})") from None
+    write_table(folder / "table.csv", HEADER, rows)
     return Sensitivity(study, space, base, checked.errors, rows, runs.units, runs.count, folder, runs.journal.warnings)
 
 

@@ -1,6 +1,7 @@
 """biela from Python: `run` calls the solver; `sweep`, `optimise`, `sensitivity`, `fit`, `tradeoff` do what the programs do.
 
-Every fault is a `BielaError` of few lines, those of the solver where it has refused or stopped.
+Every fault, such as a study, a deck or a table that is wrong, is a `BielaError` of few lines, those of the solver where it has
+stopped.
 """
 
 from __future__ import annotations
@@ -47,13 +48,10 @@ class SolverError(BielaError):
 
 
 class Result:
-    """What a run left: its tables, its figures, its warnings.
+    """What a run left in its `folder`: its tables, its figures, its warnings.
 
     `result["tip.v"]` is a column of the history, `result.time` its times; `result.energy`, `.motion`, `.modes`, `.static` and
     `.frequency_response` are the other tables, read when they are asked for.
-
-    Attributes:
-        folder: of the results
     """
 
     def __init__(self, folder: str | Path, keep: object = None) -> None:
@@ -118,17 +116,13 @@ def find_solver(solver: str | Path | None = None) -> Path:
 def run(
     deck: str | Path, *, set: Mapping[str, object] | None = None, folder: str | Path | None = None, solver: str | Path | None = None
 ) -> Result:
-    """Run a deck and return its results.
+    """Run a deck and return its results; SolverError with its words where the solver refuses it or stops.
 
     Args:
         deck: path of a deck, or its text, whose files are looked for from the current folder
         set: values by name: of parameters (`L`), or of variables of the deck (`section/rod/height`, `transient/step`)
         folder: of the results; left out: one that lasts as long as the result
         solver: the program
-
-    Raises:
-        SolverError: the solver refuses the deck or stops; its words.
-        BielaError: there is no solver, or a name of `set` is not in the deck.
     """
     program = find_solver(solver)
     text = str(deck) if isinstance(deck, str) and ("&" in deck or "\n" in deck) else None
@@ -169,16 +163,9 @@ def _options(kind: type, tool: str, source: str | Path, folder: str | Path | Non
 def sweep(study: str | Path, folder: str | Path | None = None, **options: object) -> Sweep:
     """Run a study (STUDY.toml), what is not stored of it, and return its table.
 
-    Args:
-        study: the file
-        folder: of what is stored and of table.csv; left out: results/sweep/<study name>
-        options: those of `sweep_study.StudyOptions` (`jobs=4`, `scheduler="tcp://..."`)
-
-    Returns:
-        `to_dataframe()`, `best("min peak", ["area < 2e-4"])`, `failed`.
-
-    Raises:
-        BielaError: the study or its deck is wrong.
+    The folder gets what is stored and table.csv (results/sweep/<study name>); options are those of `sweep_study.StudyOptions`
+    (`jobs=4`, `scheduler="tcp://..."`, `start`, `end` [s]). Returned: `to_dataframe()`, `best("min peak", ["area < 2e-4"])`,
+    `failed`, `quantiles` and `shares()` of random designs.
     """
     from .sweep_work import sweep as make
 
@@ -186,19 +173,10 @@ def sweep(study: str | Path, folder: str | Path | None = None, **options: object
 
 
 def optimise(study: str | Path, folder: str | Path | None = None, **options: object) -> Optimum:
-    """Search the best design of a study.
+    """Search the best design of a study; the folder gets history and optimum, options are those of `sweep` (`best="min mass"`).
 
-    Args:
-        study: the file
-        folder: of what is stored, of history and optimum; left out: results/optimise/<study name>
-        options: those of `sweep_study.StudyOptions` (`best="min mass"`, `where=["peak < 1e-3"]`)
-
-    Returns:
-        `parameters` and `results` of the best design, whether it is `feasible`, `prices` of the limits, `sensitivities`,
-        `runs`, `notes`, the `report` in lines; `to_dataframe()` has all runs.
-
-    Raises:
-        BielaError: the study or its deck is wrong.
+    Returned: `parameters` and `results` of the best design, whether it is `feasible`, `prices` of the limits, `sensitivities`,
+    `runs`, `notes`, the `report` in lines; `to_dataframe()` has all runs.
     """
     from .optimise_work import optimise as search
 
@@ -206,18 +184,9 @@ def optimise(study: str | Path, folder: str | Path | None = None, **options: obj
 
 
 def sensitivity(study: str | Path, folder: str | Path | None = None, **options: object) -> Sensitivity:
-    """Take derivatives of a study's results, with their errors.
+    """Take derivatives of a study's results, with their errors; folder and options as of `sweep` (`at=["L=0.3"]`).
 
-    Args:
-        study: the file
-        folder: of what is stored and of table.csv; left out: results/sensitivity/<study name>
-        options: those of `sweep_study.StudyOptions` (`at=["L=0.3"]`)
-
-    Returns:
-        `to_dataframe()`, `report`, `picture()`.
-
-    Raises:
-        BielaError: the study or its deck is wrong, or the design fails.
+    Returned: `to_dataframe()`, `report`, `picture()`. BielaError, too, where the design fails.
     """
     from .sensitivity_work import sensitivity as take
 
@@ -225,19 +194,10 @@ def sensitivity(study: str | Path, folder: str | Path | None = None, **options: 
 
 
 def identify(study: str | Path, folder: str | Path | None = None, **options: object) -> Identified:
-    """Find parameters of a deck by least squares from what was measured.
+    """Find parameters of a deck by least squares from what was measured (results with measure = 'misfit'); options as of `sweep`.
 
-    Args:
-        study: the file; its results with measure = 'misfit' name the data
-        folder: of what is stored, of table.csv and identified.nml; left out: results/identify/<study name>
-        options: those of `sweep_study.StudyOptions` (`jobs=4`)
-
-    Returns:
-        `parameters`, `intervals` (95 %), `untold`: combinations of which the data tell nothing, `covariance`, `misfit`,
-        `report`, `picture()`, `to_dataframe()`.
-
-    Raises:
-        BielaError: the study or its deck is wrong, or there are too few data.
+    Returned: `parameters`, `intervals` (95 %), `untold`: combinations of which the data tell nothing, `covariance`, `misfit`,
+    `report`, `picture()`, `to_dataframe()`. BielaError, too, where there are too few data.
     """
     from .identify_work import identify as find
 
@@ -245,18 +205,10 @@ def identify(study: str | Path, folder: str | Path | None = None, **options: obj
 
 
 def fit(table: str | Path, folder: str | Path | None = None, **options: object) -> MaterialFit:
-    """Fit terms to measured moduli; nothing is printed, and nothing drawn without a folder.
+    """Fit terms to a table of measured moduli; a folder gets NAME.nml and NAME.png, without it nothing is drawn.
 
-    Args:
-        table: of measured moduli
-        folder: gets NAME.nml and NAME.png
-        options: those of `fit_material.Options` (`density=1200` [kg/m3], `law="maxwell"`, `terms=3`)
-
-    Returns:
-        the `material`, its `error`, `warnings`, the deck's `text`; `picture()`, `to_dataframe()`.
-
-    Raises:
-        BielaError: the table cannot be fitted.
+    Options are those of `fit_material.Options` (`density=1200` [kg/m3], `law="maxwell"`, `terms=3`). Returned: the `material`, its
+    `error` [-], `warnings`, the deck's `text`; `picture()`, `to_dataframe()`.
     """
     from . import fit_material
 
@@ -267,18 +219,10 @@ def fit(table: str | Path, folder: str | Path | None = None, **options: object) 
 
 
 def tradeoff(deck: str | Path, folder: str | Path | None = None, **options: object) -> Tradeoff:
-    """Measure speed against accuracy of a deck: which method, step and model.
+    """Measure speed against accuracy of a deck: which method, step and model; the folder gets tradeoff.txt and recommended.nml.
 
-    Args:
-        deck: its path
-        folder: of what is stored, of tradeoff.txt and recommended.nml; left out: results/tradeoff/<deck name>
-        options: those of `tradeoff_settings.TradeoffOptions` (`sensor=["tip"]`, `tolerance=1e-3`, `time=60.0` [s])
-
-    Returns:
-        `verdict`, `text` of the table, whether it `meets` the tolerance, `recommended`, the deck's path; `to_dataframe()`.
-
-    Raises:
-        BielaError: the deck is wrong, or has nothing to compare.
+    Options are those of `tradeoff_settings.TradeoffOptions` (`sensor=["tip"]`, `tolerance=1e-3` [-], `time=60.0` [s]). Returned:
+    `verdict`, `text` of the table, whether it `meets` the tolerance, `recommended`, the deck's path; `to_dataframe()`.
     """
     from .tradeoff_settings import TradeoffOptions
     from .tradeoff_work import tradeoff as measure
@@ -289,20 +233,11 @@ def tradeoff(deck: str | Path, folder: str | Path | None = None, **options: obje
 def spectrum(
     run: str | Path | Result | History, columns: str | list[str], start: float = -math.inf, end: float = math.inf, **options: object
 ) -> Spectrum:
-    """Take the spectra of columns of a run.
+    """Take the spectra of columns (wildcards allowed) of a result, a history, or a results folder, from start to end [s].
 
-    Args:
-        run: a result, a history, or a results folder
-        columns: names, wildcards allowed
-        start: rows before this time do not count [s]
-        end: rows after this time do not count [s]
-        options: `orders="crank"`, the column of a drive's angle [rad]; `most=5` lines a column
-
-    Returns:
-        `lines` with frequency, error and amplitude; `amplitudes`, `densities`, `to_dataframe()`, `picture()`.
-
-    Raises:
-        BielaError: there is no such column, or there are too few rows.
+    Options: `orders="crank"`, the column of a drive's angle [rad], `turns=(-1, -1)`, `reference=1e-6` [unit of the column],
+    `most=5` lines a column. Returned: `lines` with frequency [Hz], error and amplitude; `amplitudes`, `densities`,
+    `to_dataframe()`, `picture()`.
     """
     from .spectrum_work import spectrum as take
 
@@ -311,16 +246,9 @@ def spectrum(
 
 
 def modes(run: str | Path | Result) -> Modes:
-    """Return the modes of a run whose deck has a `&modal`.
+    """Return the modes of a result, or a results folder, whose deck has a `&modal`.
 
-    Args:
-        run: a result, or a results folder
-
-    Returns:
-        `to_dataframe()` with frequencies [Hz], damping ratios [-] and poles [1/s], [rad/s]; `picture()`, `poles()`.
-
-    Raises:
-        BielaError: the run has no modes.
+    Returned: `to_dataframe()` with frequencies [Hz], damping ratios [-] and poles [1/s], [rad/s]; `picture()`, `poles()`.
     """
     from .mode_pictures import Modes
 
@@ -328,17 +256,10 @@ def modes(run: str | Path | Result) -> Modes:
 
 
 def report(*runs: str | Path | Result, **options: object) -> Report:
-    """Return a page (HTML) about a run, or about two side by side.
+    """Return a page (HTML) about a run, or about two side by side: results, or results folders.
 
-    Args:
-        runs: results, or results folders
-        options: `labels=["old", "new"]`, `title`, `study`, the folder of a trade-off; `start`, `end`: rows that count [s]
-
-    Returns:
-        the `html`, the `findings` by run; `save(path)`, `to_dataframe()`.
-
-    Raises:
-        BielaError: a folder holds no run, or there are more than two.
+    Options: `labels=["old", "new"]`, `title`, `study`, the folder of a trade-off; `start`, `end`: rows that count [s]. Returned:
+    the `html`, the `findings` by run; `save(path)`, `to_dataframe()`.
     """
     from .report_page import report as write
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -13,15 +12,13 @@ from scipy import signal
 from scipy.interpolate import make_interp_spline, pchip_interpolate
 
 from . import fatigue, labels
+from .figures import Tabular
 from .histories import History, read
 from .picture_files import save
 from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
 from .result_files import HistoryError
 from .sweep_scalars import orders as orders_of
 from .sweep_scalars import spectral_line
-
-if TYPE_CHECKING:
-    import pandas
 
 LEAST_ROWS = 16  # rows that a spectrum needs
 LEAST_PERIODS = 2  # periods in the run that a peak needs: below, within the window's main lobe, stands what drifts
@@ -125,7 +122,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class Spectrum(Tabular):
     """What frequencies, or orders of a drive, columns hold."""
 
     abscissa: str  # 'frequency' or 'order of COLUMN'
@@ -156,15 +153,15 @@ class Spectrum:
         """Draw amplitude and density of every column."""
         return draw_spectrum(self)
 
-    def to_dataframe(self) -> pandas.DataFrame:
-        """Return the lines: column, frequency and its error, amplitude in the column's unit."""
-        import pandas
+    @property
+    def head(self) -> list[str]:
+        """Of the table of the lines."""
+        return ["column", f"frequency_[{self.unit}]", f"error_[{self.unit}]", "amplitude", "unit"]
 
-        rows = [[one.column, one.frequency, one.error, one.amplitude, self.units[one.column]] for one in self.lines]
-        return pandas.DataFrame(rows, columns=["column", f"frequency_[{self.unit}]", f"error_[{self.unit}]", "amplitude", "unit"])
-
-    def _repr_html_(self) -> str:
-        return self.to_dataframe().to_html()
+    @property
+    def rows(self) -> list[list]:
+        """The lines: column, frequency and its error, amplitude in the column's unit."""
+        return [[one.column, one.frequency, one.error, one.amplitude, self.units[one.column]] for one in self.lines]
 
 
 def spectrum(

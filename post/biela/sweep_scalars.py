@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,12 +10,9 @@ import numpy as np
 
 from . import fatigue
 from .histories import History, read
-from .number_text import WIDTH, numbers
-from .result_files import HistoryError
+from .result_files import RESULT_FILES, HistoryError
 
-FILES = {"history": "history.txt", "energy": "energy.txt", "modes": "modes.txt", "static": "static.txt"}
-FILES["frequency_response"] = "frequency_response.txt"
-HEAD = re.compile(rb"(?:#.*\n)*")
+FILES = [file for file in RESULT_FILES if file != "motion"]
 MEASURES = ("peak", "rms", "range", "min", "max", "mean", "final", "value")
 MEASURES += ("decay_rate", "settling_time", "spectral_peak", "order", "damage", "misfit", "mass", "summary")
 OF_MODE = ("frequency", "damping_ratio")
@@ -78,7 +74,7 @@ class Scalar:
             raise ValueError(f"name = {self.name!r}: a word of letters, digits and _ expected")
         if self.measure not in MEASURES:
             raise ValueError(f"measure = {self.measure!r}: one of {', '.join(MEASURES)} expected")
-        if self.file not in [*FILES]:  # a list has no hash
+        if self.file not in FILES:
             raise ValueError(f"file = {self.file!r}: one of {', '.join(FILES)} expected")
         if self.measure == "summary" and not (self.key and isinstance(self.key, str)):
             raise ValueError("measure = 'summary' needs key = 'a.figure.of.summary.json'")
@@ -354,56 +350,49 @@ class Measured:
 
 def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, errors: bool = False) -> Measured:
     """Return the numbers of a run; ValueError where a file or column is missing."""
-    wanted: dict[str, set[str]] = {}
-    for scalar in scalars:
-        if not scalar.of_summary and not scalar.mode:
-            wanted.setdefault(scalar.file, set()).update(scalar.columns)
-    tables = {file: _read_columns(folder / FILES[file], columns) for file, columns in wanted.items()}
+    try:
+        return _measure(folder, scalars, extremes, errors)
+    except HistoryError as fault:
+        raise ValueError(str(fault).removeprefix(f"{folder}/")) from None
+
+
+def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: bool) -> Measured:
+    tables = {one.file: read(folder, one.file, fast=True) for one in scalars if not one.of_summary and not one.mode}
     found = Measured([], [], [], [], [])
     if numbers_of_modes := [one.mode for one in scalars if one.mode]:
         found.modes.extend(_modes(folder, 2 * max(numbers_of_modes) + FURTHER))
     for scalar in scalars:
-        if scalar.of_summary:
-            found.values.append(_summary_figure(folder, scalar.path))
-            found.units.append("kg" if scalar.measure == "mass" else str(scalar.stated_unit))
-            found.extremes.append([])
-            continue
-        if scalar.mode:
-            found.values.append(np.nan)
-            found.units.append(scalar.unit("", ""))
-            found.extremes.append([])
-            continue
-        _, known, axis, axis_unit = table = tables[scalar.file]
-        values, angle = _values(scalar, table)
-        found.values.append(scalar.of(axis, values, angle))
-        found.units.append(scalar.unit(known[min(scalar.columns - {scalar.period})], axis_unit))
-        several = extremes and np.isfinite(found.values[-1])
-        found.extremes.append(scalar.extremes(axis, values, angle) if several and scalar.measure in LARGEST else [])
-        if several and scalar.measure == "misfit":
-            found.differences.append(scalar.differences(axis, values).tolist())
+        several: list = []
+        if scalar.of_summary or scalar.mode:
+            found.values.append(np.nan if scalar.mode else _summary_figure(folder, scalar.path))
+            found.units.append("kg" if scalar.measure == "mass" else str(scalar.stated_unit) or scalar.unit("", ""))
+        else:
+            table = tables[scalar.file]
+            axis, angle = table.time, table[scalar.period] if isinstance(scalar.period, str) else None
+            if len(scalar.measured) == 3:
+                values = table[f"{scalar.column}.amplitude"] * np.exp(1j * table[f"{scalar.column}.phase"])
+            else:
+                values = table[scalar.column]
+            found.values.append(scalar.of(axis, values, angle))
+            unit = table.units.get(scalar.column) or table.units.get(f"{scalar.column}.amplitude", "")
+            found.units.append(scalar.unit(unit, table.units[table.names[0]]))
+            if extremes and np.isfinite(found.values[-1]):
+                several = scalar.extremes(axis, values, angle) if scalar.measure in LARGEST else []
+                if scalar.measure == "misfit":
+                    found.differences.append(scalar.differences(axis, values).tolist())
+        found.extremes.append(several)
     if errors:
         found.errors.extend(_errors(folder, scalars, found.values, tables))
     return found
 
 
-def _values(scalar: Scalar, table: tuple) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return the column of a scalar, complex where it is a response, and the angle of its period, None where it has none."""
-    columns = table[0]
-    if len(scalar.measured) == 3:
-        return columns[f"{scalar.column}.amplitude"] * np.exp(1j * columns[f"{scalar.column}.phase"]), None
-    return columns[scalar.column], columns[scalar.period] if isinstance(scalar.period, str) else None
-
-
 def _modes(folder: Path, most: int) -> list[list]:
     """Return frequency [Hz], damping ratio and shape of the lowest vibrations of a run, of which `mode_following` takes its own.
 
-    Of a shape stand real and imaginary parts in turn, to a ten-thousandth of the largest. ValueError where there are no modes.
+    Of a shape stand real and imaginary parts in turn, to a ten-thousandth of the largest.
     """
-    try:
-        table = read(folder, "modes")
-        rows, shapes = vibrations(table)
-    except HistoryError as fault:
-        raise ValueError(str(fault)) from None
+    table = read(folder, "modes")
+    rows, shapes = vibrations(table)
     parts = [np.stack([shape.real, shape.imag], axis=1).ravel() for shape in shapes[:most]]
     shown = [np.round(part / (np.abs(part).max(initial=0.0) or 1.0), 4).tolist() for part in parts]
     return [[float(table["frequency"][row]), float(table["damping_ratio"][row]), part] for row, part in zip(rows, shown)]
@@ -435,8 +424,8 @@ def _errors(folder: Path, scalars: tuple[Scalar, ...], values: list[float], tabl
     for scalar, value in zip(scalars, values):
         error = 0.0
         if scalar.file == "history" and scalar.measure in OF_COLUMN:
-            table, _, axis, _ = tables[scalar.file]
-            angle = table[scalar.period][::2] if isinstance(scalar.period, str) else None
+            table = tables[scalar.file]
+            axis, angle = table.time, table[scalar.period][::2] if isinstance(scalar.period, str) else None
             half = scalar.of(axis[::2], table[scalar.column][::2], angle)
             smooth = scalar.measure != "range" and value not in np.abs(table[scalar.column]) and value not in table[scalar.column]
             between = abs(half - value) * (HALF_THE_ROWS if smooth else 1.0)
@@ -446,33 +435,6 @@ def _errors(folder: Path, scalars: tuple[Scalar, ...], values: list[float], tabl
             error = worst * abs(value)
         found.append(max(error, ROUNDING * abs(value)))
     return found
-
-
-def _read_columns(path: Path, wanted: set[str]) -> tuple[dict[str, np.ndarray], dict[str, str], np.ndarray, str]:
-    """Return columns of a results file by name, all units, the first column and its unit; ValueError where one is missing.
-
-    The solver writes numbers of one width, so that only the columns that are wanted have to be turned into numbers: text to
-    numbers is the dearest thing that a sweep does besides the run itself.
-    """
-    try:
-        text = path.read_bytes()
-    except OSError as fault:
-        raise ValueError(f"{path.name}: {fault.strerror}") from None
-    first = HEAD.match(text).end()
-    head = text.rfind(b"# columns:", 0, first)
-    words = [word.partition("[") for word in text[head:first].decode().partition(":")[2].split()]
-    names, units = [word[0] for word in words], [word[2].rstrip("]") for word in words]
-    missing = sorted(wanted - set(names))
-    if missing:
-        raise ValueError(f"{path.name} has no column {missing[0]!r}; it has {', '.join(names[:12])}")
-    picked = sorted({0, *(names.index(column) for column in wanted)})
-    line = text.find(b"\n", first) - first
-    width = line // max(len(names), 1)
-    if width < WIDTH or line != width * len(names) or (len(text) - first) % (line + 1):
-        raise ValueError(f"{path.name} is not complete")
-    rows = np.frombuffer(text, np.dtype([("words", f"S{width}", (len(names),)), ("end", "S1")]), offset=first)
-    values = numbers(rows["words"][:, picked])
-    return {names[k]: values[:, j] for j, k in enumerate(picked)}, dict(zip(names, units)), values[:, 0], units[0]
 
 
 def _summary_figure(folder: Path, key: str) -> float:

@@ -20,7 +20,7 @@ from . import command, histories
 from .deck import Deck
 from .deck import read as read_deck
 from .quantiles import Quantile, Share, quantiles_of, share_of
-from .result_files import HistoryError, remove_noted
+from .result_files import HistoryError, remove_noted, writing
 from .study_runs import StudyRuns
 from .sweep_scalars import Scalar, vibrations
 from .sweep_study import Study, StudyError, StudyOptions, read
@@ -46,13 +46,8 @@ def table(study: Study, entries: list[dict]) -> tuple[list[str], list[list]]:
 
 def write_table(path: Path, header: list[str], rows: list[list]) -> None:
     """Write the table; HistoryError where it cannot be written."""
-    try:
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(header)
-            writer.writerows(rows)
-    except OSError as fault:
-        raise HistoryError(f"{path}: cannot be written ({fault.strerror})") from None
+    with writing(path), path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
 
 
 def parse_goal(study: Study, goal: str, conditions: list[str]) -> tuple[int, int, list[tuple[int, str, float]]]:

@@ -9,12 +9,12 @@ import shutil
 import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .command import call_solver, options_of
 from .deck import Deck, read
+from .figures import Tabular
 from .histories import read_summary
 from .progress import Progress
 from .result_files import BielaError
@@ -35,9 +35,6 @@ from .tradeoff_settings import (
     with_accuracy,
     with_setting,
 )
-
-if TYPE_CHECKING:
-    import pandas
 
 FULL = "full model"
 CERTAIN = 0.05  # the truth is asked for with this share of the tolerance
@@ -88,8 +85,10 @@ class Point:
 
 
 @dataclass
-class Tradeoff:
+class Tradeoff(Tabular):
     """What a study of speed against accuracy has found."""
+
+    head = ("model", "setting", "error", "error_rms", "worst_column", "seconds_[s]", "evaluations")
 
     options: TradeoffOptions  # what was asked
     folder: Path  # of tradeoff.txt, recommended.nml and what was stored
@@ -139,16 +138,11 @@ class Tradeoff:
         """Return a point's setting in words."""
         return point.setting.words(self.grid) if point.setting else own_setting(point.deck)
 
-    def to_dataframe(self) -> pandas.DataFrame:
-        """Return all runs of the search: model, setting, error of the worst column's range, seconds, evaluations."""
-        import pandas
-
-        rows = [
-            [p.model or FULL, self.setting(p), p.error, p.values["rms"], p.column, p.seconds, int(p.values["evaluations"])]
-            for p in self.points
-        ]
-        head = ["model", "setting", "error", "error_rms", "worst_column", "seconds_[s]", "evaluations"]
-        return pandas.DataFrame(rows, columns=head)
+    @property
+    def rows(self) -> list[list]:
+        """All runs of the search: model, setting, errors over a column's range, seconds, evaluations."""
+        return [[p.model or FULL, self.setting(p), p.error, p.values["rms"], p.column, p.seconds, int(p.values["evaluations"])]
+                for p in self.points]  # fmt: skip
 
     def picture(self):
         """Draw error against seconds, one curve a method and model."""

@@ -81,7 +81,7 @@ def test_a_closed_standard_output_changes_nothing():
         (command.finite, "five", "'five': a number expected"),
         (command.positive, "2", 2.0),
         (command.positive, "0", "'0': a number above 0 expected"),
-        (command.positive, "inf", "'inf': a number expected"),
+        (command.positive, "inf", "'inf': a number above 0 expected"),
         (command.count, "3", 3),
         (command.count, "0", "'0': a whole number of at least 1 expected"),
         (command.count, "1.5", "'1.5': a whole number of at least 1 expected"),

@@ -150,7 +150,6 @@ def test_tables_of_the_solver_and_large_ones_are_read_by_fast_parsers(write, mon
         with pytest.raises(HistoryError, match=re.escape(f"history.txt:702: '{odd}' is no finite number")):
             read(write(head + "".join("".join(row) + "\n" for row in [*words[:699], [*words[699][:-1], odd.rjust(25)]])))
     monkeypatch.setattr(histories, "LARGE", 1000)
-    monkeypatch.setattr(histories, "BLOCK", 500)
     loadtxt = np.loadtxt
     monkeypatch.setattr(np, "loadtxt", lambda *_, **__: pytest.fail("the slow parser reads it"))
     table = "".join(f"{k},{k}.5\n" for k in range(500))

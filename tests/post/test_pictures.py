@@ -227,7 +227,7 @@ def test_animate_refuses_in_one_line(motion, runs, capsys):
     [
         (["--exaggerate", "nan"], "'nan': a number expected"),
         (["--exaggerate", "inf"], "'inf': a number expected"),
-        (["--seconds", "nan"], "'nan': a number expected"),
+        (["--seconds", "nan"], "'nan': a number above 0 expected"),
         (["--seconds", "0"], "'0': a number above 0 expected"),
         (["--pictures", "-3"], "'-3': a whole number of at least 1 expected"),
         (["--frames", "many"], "'many': a whole number of at least 1 expected"),

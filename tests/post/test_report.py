@@ -171,7 +171,7 @@ def test_two_runs_have_their_names_and_a_film_stands_beside_its_words(biela, tmp
         subprocess.run([biela, "--quiet", "--output", tmp_path / name, tmp_path / "deck.nml"], check=True, capture_output=True)
     (tmp_path / "stiff" / "motion.gif").write_bytes(b"GIF89a")
     runs = [report_tool.load(tmp_path / name, name) for name in ("stiff", "soft")]
-    section = report_tool.motion(runs)
+    section = report_tool.each("Motion", runs, report_tool.motion)
     assert section.pair, "side by side where the page is wide"
     assert [part.film[:15] for part in section.parts] == ["data:image/gif;", ""]
     page = report_tool.page(runs, "two")
@@ -232,12 +232,12 @@ def modal_run(biela, tmp_path_factory):
 def test_modes_and_responses_have_their_figures(modal_run, monkeypatch):
     monkeypatch.setattr(report_tool, "embed", lambda figure, caption: plt.close(figure) or caption)
     run = report_tool.load(modal_run, "beam")
-    (part,) = report_tool.modal([run]).parts
+    part = report_tool.modal(run)
     table = read(modal_run, "modes")
     assert part.pictures == ["beam: shapes", "beam: poles"]
     assert [row[1] for row in part.rows] == [report_tool.table_text(pole["mode"]) for pole in run.figures["modes"]["poles"]]
     assert part.rows[0][2] == f"{table['frequency'][0]:.4g}"
-    section = report_tool.responses([run])
+    section = report_tool.each("Frequency response", [run], report_tool.responses)
     assert (section.title, section.parts[0].pictures) == ("Frequency response", ['beam: response to force "tip"'])
 
 

@@ -181,16 +181,16 @@ def test_a_measure_has_its_exact_value_and_unit(folder, words, value, unit):
 @pytest.mark.parametrize(
     ("change", "words", "told"),
     [
-        (None, {"file": "energy"}, "energy.txt: No such file or directory"),
-        (None, {"column": "c"}, "history.txt has no column 'c'; it has t, a, b"),
-        (TABLE + lines(ROWS)[:-5], {}, "history.txt is not complete"),
-        (TABLE, {}, "history.txt is not complete"),
-        ("#\n" + TABLE, {}, "history.txt is not complete"),
-        ("##\n" + TABLE, {}, "history.txt is not complete"),
+        (None, {"file": "energy"}, "energy.txt: no such file (this run wrote history.txt)"),
+        (None, {"column": "c"}, "history.txt: no column 'c'; it has t, a, b"),
+        (TABLE + lines(ROWS)[:-5], {}, "history.txt:4: '1.0000000000000000E' is no finite number"),
+        (TABLE, {}, "history.txt: holds no rows (was the run interrupted at its start?)"),
+        ("#\n" + TABLE, {}, "history.txt: holds no rows (was the run interrupted at its start?)"),
+        ("##\n" + TABLE, {}, "history.txt: holds no rows (was the run interrupted at its start?)"),
         (None, {"start": 3.0}, "no row from 3 to inf"),
         (None, {"measure": "summary", "key": "transient.none"}, "summary.json has no figure 'transient.none'"),
         (None, {"measure": "summary", "key": "scene.bodies.7.mass"}, "summary.json has no figure 'scene.bodies.7.mass'"),
-        (None, {"measure": "frequency", "mode": 1, "column": ""}, "{}/modes.txt: no such file (this run wrote history.txt)"),
+        (None, {"measure": "frequency", "mode": 1, "column": ""}, "modes.txt: no such file (this run wrote history.txt)"),
         (None, {"measure": "summary", "key": "transient.steps.x"}, "summary.json has no figure 'transient.steps.x'"),
     ],
 )
