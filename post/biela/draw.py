@@ -55,6 +55,8 @@ class ScenePicture:
         items = [item for kind in ("joints", "springs", "stops") for item in scene.get(kind, [])]
         ends = [np.array(item[side]["at"]) for item in items for side in "ab"]
         points = np.array([*points, *ends, *(sensor["at"]["at"] for sensor in scene["sensors"])])
+        if scene.get("profiles"):
+            points = np.array([*points, *of_scene(scene).extent()])
         low, high = points.min(axis=0), points.max(axis=0)
         side = max(high - low)  # a wall farther away than the mechanism is long would make it small
         found = [wall for stop in scene.get("stops", []) for wall in walls(stop)]
@@ -119,7 +121,8 @@ class ScenePicture:
         elif stop["kind"] == "rotation":
             at = np.array(hinge(self.scene, stop)["at"])
         unit = "rad" if stop["kind"] == "rotation" else "m"
-        shown = {"clearance": "gap {1:.3g} m"}.get(stop["kind"], " to ".join(f"{x:.3g}" for x in limits) + f" {unit}")
+        words = {"clearance": "gap {1:.3g} m", "profile": f"profile {stop.get('profile')}"}
+        shown = words.get(stop["kind"], " to ".join(f"{x:.3g}" for x in limits) + f" {unit}")
         self._label(at, f"{stop['name']} (stop, {shown.format(stop['lower'], stop['upper'])})", STOP)
 
     def _turn(self, at: np.ndarray, colour: str, sign: float = 1.0) -> None:

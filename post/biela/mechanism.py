@@ -115,6 +115,31 @@ class Stop:
 
 
 @dataclass
+class Pair(Stop):
+    """A joint or stop between a follower at a, a roller or a flat face, and a profile at b."""
+
+    outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # of the profile, axes of section b [m]
+    radius: float = 0.0  # of the roller [m]
+    face: float | None = None  # angle of a face's normal from section a [rad]
+
+    def walls(self, scene: Mechanism, row: int, half: float) -> tuple[list[np.ndarray], bool]:
+        """Return the follower and the profile, and whether they touch, as far as points tell."""
+        a = scene.position(self.a, row)
+        c, s = np.cos(self.b.angle(row)), np.sin(self.b.angle(row))
+        profile = scene.position(self.b, row) + self.outline @ np.array([[c, s], [-s, c]])
+        if self.face is None:
+            turn = np.linspace(0.0, 2.0 * np.pi, 61)
+            follower = a + self.radius * np.transpose([np.cos(turn), np.sin(turn)])
+            gap = abs(np.hypot(*(profile - a).T).min() - self.radius)
+        else:
+            angle = self.a.angle(row) + self.face
+            across = half * np.array([-np.sin(angle), np.cos(angle)])
+            follower = np.array([a - across, a + across])
+            gap = ((a - profile) @ np.array([np.cos(angle), np.sin(angle)])).min()
+        return [follower, profile], bool(gap <= 0.05 * np.hypot(*np.diff(profile, axis=0).T).max())
+
+
+@dataclass
 class Mechanism:
     """Bodies and sensors' markers by name in lower case, massless links and springs as pairs of markers, slider lines, pins, lumps.
 
@@ -165,6 +190,7 @@ class Mechanism:
         points += [self.position(marker, 0)[None] for pair in self.links + self.springs for marker in pair]
         points += [self.position(base, 0)[None] for _, base, _ in self.sliders]
         points += [self.position(marker, 0)[None] for marker in self.pins]
+        points += [wall for row in rows for pair in self.stops if isinstance(pair, Pair) for wall in pair.walls(self, row, 0.0)[0]]
         everything = np.concatenate(points)
         return np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
 
@@ -295,7 +321,18 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
         body.points.append(point)
         return Marker(body, None, point)
 
+    outlines = {item["name"]: np.array(item["points"], dtype=float) for item in scene.get("profiles", [])}
+
+    def pair(item: dict) -> Pair:
+        """Return what a joint or stop of this kind shows."""
+        a, b = marker(item["a"]), marker(item["b"])
+        follower = {"outline": outlines[item["profile"]], "radius": item["radius"], "face": item["face"]}
+        return Pair(a, b, None, 0.0, None, name=item["name"], **follower)
+
     for joint in scene["joints"]:
+        if joint["kind"] == "profile":
+            mechanism.stops.append(pair(joint))
+            continue
         a, b = marker(joint["a"]), marker(joint["b"])
         if joint["kind"] == "distance":
             mechanism.links.append((a, b))
@@ -310,6 +347,9 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
         if spring["kind"] == "linear":
             mechanism.springs.append((a, b))
     for stop in scene.get("stops", []):  # older runs do not tell them
+        if stop["kind"] == "profile":
+            mechanism.stops.append(pair(stop))
+            continue
         a, b = marker(stop["a"]), marker(stop["b"])
         turned = frames[stop["b"]["body"].lower()][2] if b.body else 0.0
         direction = stop["direction"] - turned if stop["kind"] == "position" else None

@@ -34,6 +34,16 @@ contains
       a = d%springs(r%spring)%a
       b = d%springs(r%spring)%b
       allocate (item, source=s%forces(r%spring)%item%measure)
+    case ('contact')
+      if (r%joint > 0) then
+        a = d%joints(r%joint)%a
+        b = d%joints(r%joint)%b
+        allocate (item, source=s%constraints(r%joint)%item%measures(1)%item)
+      else
+        a = d%stops(r%stop)%a
+        b = d%stops(r%stop)%b
+        allocate (item, source=s%forces(s%switching(r%stop))%item%measure)
+      end if
     case default
       item = distance()
     end select

@@ -4,10 +4,12 @@ module scene_figures
   use growing_text, only: text_buffer
   use kinds, only: wp
   use deck_records, only: deck, marker_record
+  use contact_pair, only: pair_measure
+  use measure, only: measure_model
   use mechanism, only: mechanism_model
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text
-  use text, only: to_text
+  use text, only: either, to_text
   implicit none (type, external)
   private
   public :: add_scene
@@ -30,12 +32,17 @@ contains
       call add_body(k)
     end do
     call text%close()
+    call text%open('profiles', '[')
+    do k = 1, size(d%profiles)
+      call add_profile(k)
+    end do
+    call text%close()
     call text%open('joints', '[')
     do k = 1, size(d%joints)
       associate (r => d%joints(k))
         friction = ''
         if (max(r%friction, r%friction_static, r%preload) > 0.0_wp) friction = ', "friction": '//json_number(r%friction)
-        call pair(r%name, r%type, r%a, r%b, r%direction, friction)
+        call pair(r%name, r%type, r%a, r%b, r%direction, friction//follower(r%profile, r%radius, r%face))
       end associate
     end do
     call text%close()
@@ -52,7 +59,8 @@ contains
     call text%open('stops', '[')
     do k = 1, size(d%stops)
       associate (r => d%stops(k))
-        call pair(r%name, r%type, r%a, r%b, r%direction, ', "lower": '//json_number(r%lower)//', "upper": '//json_number(r%upper))
+        call pair(r%name, r%type, r%a, r%b, r%direction, ', "lower": '//json_number(r%lower)//', "upper": '// &
+                  json_number(r%upper)//follower(r%profile, r%radius, r%face))
       end associate
     end do
     call text%close()
@@ -96,6 +104,49 @@ contains
                          ', "nodes": ['//nodes%all()//'], "elements": ['//elements%all()//']}')
       end associate
     end subroutine add_body
+
+    !> A profile that some pair has: the points of its outline, in the axes of the section that carries it.
+    subroutine add_profile(number)
+      integer, intent(in) :: number            !! profile
+      integer :: k
+      k = findloc(d%joints%profile, number, 1)
+      if (k > 0) then
+        call outline(number, m%s%constraints(k)%item%measures(1)%item)
+      else
+        k = findloc(d%stops%profile, number, 1)
+        if (k > 0) call outline(number, m%s%forces(size(m%s%forces) - size(d%stops) + k)%item%measure)
+      end if
+    end subroutine add_profile
+
+    !> Its line.
+    subroutine outline(number, gap)
+      integer, intent(in) :: number            !! profile
+      class(measure_model), intent(in) :: gap
+      real(wp), allocatable :: c(:, :)         ! [m]
+      type(text_buffer) :: points
+      integer :: k
+      select type (gap)
+      class is (pair_measure)
+        c = gap%profile%outline()
+        do k = 1, size(c, 2)
+          if (k > 1) call points%add(', ')
+          call points%add(vector(c(:, k)))
+        end do
+        call text%member('', item(d%profiles(number)%name, d%profiles(number)%kind)//', "closed": '// &
+                         either('true', 'false', d%profiles(number)%closed)//', "points": ['//points%all()//']}')
+      end select
+    end subroutine outline
+
+    !> What follows a profile: its name, and a roller or a face (its angle from the section; null: none).
+    function follower(number, radius, face) result(json)
+      integer, intent(in) :: number            !! 0: none
+      real(wp), intent(in) :: radius           !! [m]
+      real(wp), intent(in) :: face             !! [rad]
+      character(:), allocatable :: json
+      json = ''
+      if (number > 0) json = ', "profile": '//json_text(trim(d%profiles(number)%name))//', "radius": '//json_number(radius)// &
+        ', "face": '//json_number(face)
+    end function follower
 
     !> What acts between two markers, with its direction in global axes.
     subroutine pair(name, kind, a, b, direction, rest)

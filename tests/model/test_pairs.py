@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from biela.histories import read
+from biela.mechanism import from_run
 
 W = 40.0
 CAM = f"""&body name='cam' mass=1 inertia=1e-3 angle=0.4 /
@@ -123,3 +125,85 @@ def test_points_of_a_circle_are_nearly_that_circle(turn, run_deck):
         other = run_deck(deck.replace("PROFILE", "profile='disc' point_b=0.007,0") + circle, name="circle").history
         assert np.abs(one["y.y"] - other["y.y"]).max() < 2e-8
         assert np.abs(one["a.y"] - other["a.y"]).max() < 2e-3 * 0.029 * W**2
+
+
+@pytest.mark.parametrize("pair", ["joint", "stop"])
+@pytest.mark.parametrize("touch", ["radius=0.008", "face={80*deg}"])
+def test_a_contact_has_its_force_place_angle_and_pressure(pair, touch, run_deck):
+    """On a cam that a spring holds: balance of forces and moments at the place shown; slow responses are differences of statics."""
+    stiff = "stiffness=2e7 exponent=1.5" if pair == "stop" else ""
+    deck = LIFT + f"""&scene gravity=0,-9.81 /
+&body name='cam' mass=1 inertia=1e-3 angle=0.7 /
+&joint name='shaft' type='revolute' body_a='cam' /
+&spring name='twist' type='torsional' body_a='cam' stiffness=50 free_angle=0.7 /
+&profile name='disc' kind='law' history='lift' base_radius=0.03 radius=0.011 offset=0.004 /
+&body name='f' mass=0.3 inertia=1e-4 position=0.004,0.045 /
+&spring name='x' type='torsional' body_a='f' stiffness=8 free_angle=0 /
+&spring name='guide' body_a='f' point_b=-0.3,0.045 stiffness=2e4 free_length=0.304 /
+&spring name='press' body_a='f' point_b=0.004,0.2 stiffness=2000 free_length=0.3 /
+&{pair} name='contact' type='profile' body_a='f' point_a=0.001,0 {touch} body_b='cam' profile='disc' {stiff} /
+&sensor name='c' quantity='contact' {pair}='contact' direction={{90*deg}} PRESSURE /
+&sensor name='f' quantity='position' body='f' point=0.001,0 /
+&sensor name='turn' quantity='angle' body='f' /
+&sensor name='cam' quantity='spring' spring='twist' /
+&force name='p' type='force' body='f' point=0.01,0 fx=LOAD /
+&static /
+"""
+    columns = ["c.f", "c.gap", "c.x", "c.y", "c.angle"]
+    states = []
+    for load in (-1e-3, 0.0, 1e-3):
+        run = run_deck(deck.replace("LOAD", f"{{10+{load}}}").replace("PRESSURE", "modulus=1.1e11 width=0.01"), name=f"s{load}")
+        found = read(run.folder, "static")
+        states.append({name: found[name][-1] for name in found.names})
+    low, s, high = states
+    normal = np.array([np.cos(s["c.angle"] + s["turn"] + np.pi / 2), np.sin(s["c.angle"] + s["turn"] + np.pi / 2)])
+    assert s["c.f"] > 100.0
+    torque = s["c.f"] * (s["c.y"] * normal[0] - s["c.x"] * normal[1])  # of -F N at the place, about the shaft
+    assert torque == pytest.approx(s["cam.f"], rel=1e-6)
+    arm = np.array([s["c.x"] - s["f.x"], s["c.y"] - s["f.y"]])
+    radius = 0.008 if "radius" in touch else 0.0
+    assert arm @ normal == pytest.approx(-radius - s["c.gap"], abs=1e-12)
+    deck = deck.replace("LOAD", "10").replace("PRESSURE", "") + "&frequency_response from=1e-4 to=1e-3 points=2 input='p' /\n"
+    run = run_deck(deck, name="r")
+    response = read(run.folder, "frequency_response")
+    for name in columns:
+        slope = (high[name] - low[name]) / 2e-3 * 10.0
+        assert response[f"{name}.re"][0] == pytest.approx(slope, rel=2e-5, abs=1e-9), name
+    bend = (s["c.p"] / 1.1e11) ** 2 * np.pi * 0.01 / s["c.f"] * 1.1e11  # 1/r + kappa
+    assert bend == pytest.approx(kappa_of(s, radius), rel=1e-3)
+
+
+def kappa_of(s, radius):
+    """Return 1/r + the curvature of the disc at the cam's angle of contact, by differences of its own points."""
+    cam = 0.7 + s["cam.d"]
+
+    def place(u):  # the pitch curve in the axes of the cam
+        h = np.sqrt(0.041**2 - 0.004**2) + lift(u)[0]
+        return np.array([np.cos(u) * 0.004 + np.sin(u) * h, -np.sin(u) * 0.004 + np.cos(u) * h])
+
+    c, n = np.cos(cam), np.sin(cam)
+    at = np.array([c * s["c.x"] + n * s["c.y"], -n * s["c.x"] + c * s["c.y"]])
+    u = min(np.linspace(0, 2 * np.pi, 20001), key=lambda v: abs(np.hypot(*(place(v) - at)) - 0.011))
+    e = 1e-4
+    one, two = (place(u + e) - place(u - e)) / (2 * e), (place(u + e) - 2 * place(u) + place(u - e)) / e**2
+    pitch = -(one[0] * two[1] - one[1] * two[0]) / np.hypot(*one) ** 3
+    return pitch / (1 - 0.011 * pitch) + (1 / radius if radius else 0.0)
+
+
+def test_pictures_show_the_profile_and_its_follower_where_they_are(run_deck):
+    """A ball that falls onto a turning disc: the outlines come as near to each other as the column says; touched is touched."""
+    deck = LIFT + CAM + "&scene gravity=0,-9.81 /\n&body name='f' mass=0.3 inertia=1e-4 position=0.0,0.05 /\n"
+    deck += "&profile name='disc' kind='law' history='lift' base_radius=0.025 radius=0.008 /\n"
+    deck += "&stop name='s' type='profile' body_a='f' radius=0.01 body_b='cam' profile='disc' restitution=0.5 /\n"
+    deck += "&sensor name='c' quantity='contact' stop='s' /\n"
+    run = run_deck(deck + "&transient t_end=0.15 method='rk4' step=1e-3 motion_step=1e-3 /\n")
+    mechanism = from_run(run.motion)
+    (pair,) = mechanism.stops
+    gaps = run.history["c.gap"]
+    assert len(pair.struck) > 0
+    for row in range(0, len(gaps), 10):
+        (follower, outline), touches = pair.walls(mechanism, row, 0.01)
+        away = np.hypot(*(outline - mechanism.position(pair.a, row)).T).min() - 0.01
+        assert away == pytest.approx(gaps[row], abs=1e-5)
+        assert np.hypot(*(follower - mechanism.position(pair.a, row)).T) == pytest.approx(0.01)
+        assert touches == (gaps[row] < 4e-5)

@@ -13,18 +13,20 @@ contains
   !> What follows the sensor's name in the names of its columns of motion; size 0: it has none.
   pure function motion_suffixes(quantity) result(list)
     character(*), intent(in) :: quantity
-    character(3), allocatable :: list(:)
+    character(4), allocatable :: list(:)
     select case (quantity)
     case ('position', 'velocity')
-      list = [character(3) :: '.x', '.y']
+      list = [character(4) :: '.x', '.y']
     case ('angle', 'angular_velocity', 'distance')
-      list = [character(3) :: '']
+      list = [character(4) :: '']
     case ('deflection')
-      list = [character(3) :: '.u', '.v', '.r']
+      list = [character(4) :: '.u', '.v', '.r']
     case ('coordinate')
-      list = [character(3) :: '.q', '.qd']
+      list = [character(4) :: '.q', '.qd']
+    case ('contact')
+      list = [character(4) :: '.gap']
     case ('spring')
-      list = [character(3) :: '.d']
+      list = [character(4) :: '.d']
     case default
       allocate (list(0))
     end select
@@ -38,7 +40,7 @@ contains
     type(column_record), intent(inout) :: column
     type(fault_list), intent(inout) :: faults
     character(:), allocatable :: written
-    character(3), allocatable :: list(:)
+    character(4), allocatable :: list(:)
     if (column%sensor == 0) return
     associate (s => d%sensors(column%sensor))
       if (len_trim(s%name) == 0 .or. len_trim(s%quantity) == 0) return     ! it could not be read
@@ -47,10 +49,10 @@ contains
       if (column%number > 0) return
       written = variable//'='//quoted(trim(s%name)//trim(column%suffix))
       if (size(list) == 0 .or. (s%quantity == 'spring' .and. column%suffix == '.f') .or. &
-          (s%quantity == 'coordinate' .and. column%suffix == '.qdd')) then
+          s%quantity == 'contact' .or. (s%quantity == 'coordinate' .and. column%suffix == '.qdd')) then
         call at%blame(faults, written//' is no quantity of motion: what quantity='//quoted(trim(s%quantity))//' shows there '// &
           'follows from the forces themselves, expected a column of position, velocity, angle, angular_velocity, deflection, '// &
-          'coordinate (.q, .qd), distance or spring (.d)')
+          'coordinate (.q, .qd), distance, spring (.d) or contact (.gap)')
       else
         call at%blame(faults, written//' is no column of that sensor, expected '// &
                       quoted(joined(s%name(:len_trim(s%name))//list, ''' or ''')))    ! trim() with a list leaks

@@ -260,13 +260,15 @@ contains
       end do
     end subroutine list_settings
 
-    !> Powers and energies are products, a largest stress changes its place: they have no linear response.
+    !> Powers, energies and pressures are products, a largest stress changes its place: they have no linear response.
     subroutine check_response()
       integer :: k
       do k = 1, size(d%sensors)
         if (d%response%present .and. any(d%sensors(k)%quantity == [character(6) :: 'power', 'work', 'energy', 'stress'])) call &
           d%sensors(k)%at%blame(source%faults, 'quantity='//quoted(trim(d%sensors(k)%quantity))//' has no linear response, '// &
           'expected it in a deck without &frequency_response')
+        if (d%response%present .and. d%sensors(k)%modulus > 0.0_wp) call d%sensors(k)%at%blame(source%faults, &
+          'a pressure has no linear response, expected no modulus in a deck with &frequency_response')
       end do
     end subroutine check_response
 

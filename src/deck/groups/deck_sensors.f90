@@ -30,6 +30,8 @@ contains
     if (deck%is_choice(angles//' distance power work') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
     call need_one('reaction', ['joint', 'drive'])
+    call need_one('contact', [character(5) :: 'joint', 'stop'])
+    call check_contact()
     call check_friction()
     call need_one('power work', [character(6) :: 'drive', 'force', 'spring', 'joint'])
     call check_elastic()
@@ -47,6 +49,29 @@ contains
       k = findloc(given, .true., 1, back=.true.)
       call deck%complain(trim(names(k)), listed(pack(names, given), 'and')//' are given, expected one of them')
     end subroutine need_one
+
+    !> A contact is that of a pair; its pressure needs two numbers, and a follower that is round or flat.
+    subroutine check_contact()
+      character(:), allocatable :: other
+      logical :: edge
+      if (.not. deck%is_choice('contact')) return
+      other = ''
+      edge = .false.
+      if (s%joint > 0 .and. deck%is_set('joint')) then
+        if (d%joints(s%joint)%type /= 'profile') other = 'joint'
+        edge = .not. (d%joints(s%joint)%radius > 0.0_wp .or. d%joints(s%joint)%face < huge(1.0_wp))
+      else if (s%stop > 0 .and. deck%is_set('stop')) then
+        if (d%stops(s%stop)%type /= 'profile') other = 'stop'
+        edge = .not. (d%stops(s%stop)%radius > 0.0_wp .or. d%stops(s%stop)%face < huge(1.0_wp))
+      end if
+      if (len(other) > 0) call deck%complain(other, 'its '//other//' is not of type=''profile'', expected one that is')
+      if (deck%is_given('modulus') .or. deck%is_given('width')) then
+        call deck%need('modulus')
+        call deck%need('width')
+        if (edge .and. len(other) == 0) call deck%complain('modulus', 'an edge (radius=0) has no pressure by Hertz, expected '// &
+          'a follower with radius or face')
+      end if
+    end subroutine check_contact
 
     !> Friction is that of a joint that has some.
     subroutine check_friction()

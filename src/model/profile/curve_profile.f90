@@ -42,6 +42,7 @@ module curve_profile
     procedure(place_at), deferred :: at
     procedure :: nearest => nearest_of_arcs
     procedure :: support => convex_support
+    procedure :: outline => curve_outline
     procedure :: cut
     procedure :: examine
   end type curve_model
@@ -217,6 +218,22 @@ contains
     real(wp), intent(in) :: curvature        !! [1/m]
     profile = curvature/(1 - curvature*self%inset)
   end function inset_curvature
+
+  !> Some points of each arc.
+  pure function curve_outline(self) result(c)
+    class(curve_model), intent(in) :: self
+    real(wp), allocatable :: c(:, :)         ! (2, points) [m]
+    type(curve_place) :: q
+    integer :: i, k, each
+    each = max(1, samples*32/size(self%radius))
+    allocate (c(2, 0:each*size(self%radius)))
+    do i = 1, size(self%radius)
+      do k = 0, each
+        q = self%at(self%ends(i - 1)%u + (self%ends(i)%u - self%ends(i - 1)%u)*k/each)
+        c(:, (i - 1)*each + k) = q%c - self%inset*q%n
+      end do
+    end do
+  end function curve_outline
 
   !> What is wrong where a follower touches, at samples all along the curve: a roller fits where 1 + kappa radius > 0 and the place
   !> that it touches is the nearest; the inset is a roller of the law's own, a face needs places that are convex.

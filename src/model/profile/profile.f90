@@ -1,9 +1,11 @@
 !> Profiles: plane curves that a follower touches, in the axes of the section that carries them. What is asked of a curve is the
 !> foot of a point, from which its normal goes through the point, and its support p(alpha), how far it reaches in a direction.
 module profile
-  use kinds, only: wp
+  use kinds, only: wp, pi
   implicit none (type, external)
   private
+
+  integer, parameter :: circle_points = 96   !! of a picture
 
   !> The place of a profile that is nearest to a point.
   type, public :: profile_foot
@@ -19,6 +21,7 @@ module profile
   contains
     procedure(nearest_place), deferred :: nearest
     procedure(reach_of), deferred :: support
+    procedure(points_of), deferred :: outline
   end type profile_model
 
   abstract interface
@@ -35,6 +38,12 @@ module profile
       real(wp), intent(in) :: alpha          !! of the direction n [rad]
       real(wp) :: p(0:2)                     ! [m]
     end function reach_of
+    !> Points all along it, for pictures.
+    pure function points_of(self) result(c)
+      import :: profile_model, wp
+      class(profile_model), intent(in) :: self
+      real(wp), allocatable :: c(:, :)       ! (2, points) [m]
+    end function points_of
   end interface
 
   !> A circle about the origin; its free side is the outside, or the inside of a hollow one.
@@ -44,6 +53,7 @@ module profile
   contains
     procedure :: nearest => circle_nearest
     procedure :: support => circle_support
+    procedure :: outline => circle_outline
   end type circle_model
 
 contains
@@ -70,4 +80,12 @@ contains
     real(wp) :: p(0:2)                       ! [m]
     p = [self%radius, 0.0_wp, 0.0_wp]
   end function circle_support
+
+  !> Round about.
+  pure function circle_outline(self) result(c)
+    class(circle_model), intent(in) :: self
+    real(wp), allocatable :: c(:, :)         ! (2, points) [m]
+    integer :: k
+    c = self%radius*reshape([([cos(2*pi*k/circle_points), sin(2*pi*k/circle_points)], k=0, circle_points)], [2, circle_points + 1])
+  end function circle_outline
 end module profile

@@ -5,6 +5,7 @@ module sensors
   use acceleration_sensor, only: acceleration_sensor_model
   use build_markers, only: begin_markers, find_marker, marker_table
   use build_quantities, only: friction_of, make_quantity, source_of
+  use contact_sensor, only: contact_sensor_model
   use controller_sensor, only: controller_sensor_model
   use deck_columns, only: motion_suffixes
   use deck_records, only: deck, sensor_record
@@ -48,7 +49,7 @@ contains
     type(marker_table) :: markers
     integer :: k, n
     n = size(d%sensors)
-    allocate (list%sensors(n), list%first(n), list%column(5*n))
+    allocate (list%sensors(n), list%first(n), list%column(6*n))
     markers = begin_markers(size(m%s%bodies))
     do k = 1, n
       call make_sensor(d, k, m, markers, list%sensors(k)%item, own)
@@ -79,6 +80,7 @@ contains
     type(sensor_record) :: r
     type(reaction_sensor_model) :: reaction        ! a constructor would never free its list
     type(slip_sensor_model) :: slip
+    type(contact_sensor_model), allocatable :: contact
     character(:), allocatable :: unit
     integer, allocatable :: row(:)                 ! the friction's number among the constraints
     integer :: k
@@ -147,6 +149,21 @@ contains
       item = stop_sensor_model(element=m%s%switching(r%stop))
       columns = [result_column('.f', 'N'), result_column('.gap', 'm'), result_column('.state', '-')]
       if (m%s%forces(m%s%switching(r%stop))%item%angular) columns(1:2) = [result_column('.f', 'Nm'), result_column('.gap', 'rad')]
+    case ('contact')
+      allocate (contact)
+      contact%direction = r%direction
+      if (r%modulus > 0.0_wp) contact%hardness = r%modulus/r%width
+      if (r%joint > 0) then
+        call contact%of(m%s%constraints(r%joint)%item%measures(1)%item)
+        contact%row = m%s%constraints(r%joint)%item%first
+      else
+        contact%stop%element = m%s%switching(r%stop)
+        call contact%of(m%s%forces(contact%stop%element)%item%measure)
+      end if
+      columns = [result_column('.f', 'N'), result_column('.gap', 'm'), result_column('.x', 'm'), result_column('.y', 'm'), &
+                 result_column('.angle', 'rad'), result_column('.p', 'Pa')]
+      if (.not. r%modulus > 0.0_wp) columns = columns(:5)
+      call move_alloc(contact, item)
     case ('controller')
       item = controller_sensor_model(controller=r%controller)
       columns = [result_column('.out', '-'), result_column('.error', unit_of(m%s%controllers(r%controller)%quantity)), &
