@@ -2,15 +2,12 @@
 !> part of the summary. The state of the run is then the cycle's at t = 0, where the transient starts.
 module periodic_analysis
   use kinds, only: wp
-  use archive, only: value_archive
-  use checkpoint, only: write_checkpoint
   use cycle_search, only: cycle_state
-  use errors, only: failure, status_bad_input, status_signal
+  use errors, only: failure, status_bad_input
   use orbit_file, only: read_orbit, write_orbit
   use periodic_words, only: cycle_lines, explain_cycle, write_floquet
-  use scene_run, only: run_state, no_output
+  use scene_run, only: run_state
   use summary_text, only: summary_record
-  use text, only: to_text
   implicit none (type, external)
   private
   public :: run_periodic
@@ -43,23 +40,22 @@ contains
       if (fail%happened()) return
       cycle%x = run%y
       cycle%error = [real(wp) ::]
-      call cycle%begin(run%turns)
-      if (cycle%signal == 0 .and. .not. cycle%lost_first) call cycle%find_cycle(run%turns)
-      if (cycle%found) call cycle%find_multipliers(run%turns, p%multipliers)
+      call cycle%begin(run)
+      if (.not. (cycle%fail%happened() .or. cycle%lost_first)) call cycle%find_cycle(run)
+      if (cycle%found) call cycle%find_multipliers(run, p%multipliers)
       now = huge(1.0_wp)
       do while (cycle%found .and. (accuracy > 0.0_wp .or. run%d%transient%check_error))
-        call cycle%halve_steps(run%turns)
-        if (cycle%found) call cycle%find_multipliers(run%turns, p%multipliers)
+        call cycle%halve_steps(run)
+        if (cycle%found) call cycle%find_multipliers(run, p%multipliers)
         before = now
         now = maxval([cycle%start_error, cycle%error])
         if (now < accuracy .or. now > 0.5_wp*before .or. .not. accuracy > 0.0_wp) exit   ! what does not fall is rounding
       end do
     end associate
+    if (cycle%found) call cycle%turn_again(run)
     call cycle%line%finish()
-    if (cycle%signal > 0) then
-      call interrupt(run, cycle%signal, fail)
-      return
-    end if
+    fail = cycle%fail
+    if (fail%happened()) return
     call explain_cycle(run, cycle, fail)
     if (fail%happened()) return
     call set_transient(run, cycle%period)
@@ -84,19 +80,4 @@ contains
     end associate
   end subroutine set_transient
 
-  !> A signal: the turns that have been made are kept.
-  subroutine interrupt(run, signal, fail)
-    type(run_state), intent(inout) :: run
-    integer, intent(in) :: signal
-    type(failure), intent(inout) :: fail
-    type(value_archive) :: a
-    logical :: ok
-    call a%begin_saving()
-    if (run%model_found) call run%exchange_model(a)
-    call run%turns%exchange(a)
-    call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)
-    if (.not. ok) call no_output(run, fail)
-    call fail%raise(status_signal + signal, 'stopped by signal '//to_text(signal)//' after '//to_text(run%turns%count)// &
-                    ' turns; biela --restart continues from there')
-  end subroutine interrupt
 end module periodic_analysis

@@ -8,7 +8,7 @@ module periodic_words
   use scene_model, only: scene
   use scene_run, only: run_state, no_output
   use summary_text, only: summary_record
-  use switching, only: element_name
+  use switching, only: element_name, switch_event
   use text, only: either, quoted, short_text, to_text
   use text_file, only: result_file
   implicit none (type, external)
@@ -30,8 +30,12 @@ contains
       return
     end if
     if (cycle%found .and. cycle%free_period) call refuse_rest(run, cycle, fail)
-    if (cycle%turn%remembers) call fail%raise(status_failed, 'a stop is touched at t = 0, and its force depends on the '// &
-      'speed at touching, before that; expected histories of another phase, so that all such stops are open at t = 0')
+    if (cycle%turn%remembers > 0) call fail%raise(status_failed, 'stop "'//element_name(run%sys%m, cycle%turn%remembers)// &
+      '" is touched at t = 0, and its force depends on the speed at touching, before that; expected histories of another '// &
+      'phase, so that all such stops are open at t = 0')
+    if (cycle%again > sqrt(cycle%tolerance)) call fail%raise(status_failed, 'the rates repeat, but the motion does not: a '// &
+      'second turn, which begins where the first one ends, differs by '//short_text(cycle%again, 2)//' of the ranges; expected '// &
+      'moves_on without bodies whose place matters, or angle_repeats for those whose angle does')
     if (cycle%found) return
     r = cycle%map%change(cycle%turn)
     k = maxloc(abs(r), 1)
@@ -51,13 +55,21 @@ contains
     associate (s => run%sys%m%s, i => cycle%map%compared(k))
       r = cycle%map%change(cycle%turn)*cycle%map%scale
       words = '; a motion that never repeats has statistics, by a long transient'
-      if (cycle%changed > 0) words = '; events of "'//element_name(run%sys%m, cycle%changed)//'" change from turn to turn'//words
+      if (cycle%changed%element > 0) words = '; events of '//event_words(run, cycle%changed)//' change from turn to turn'//words
       if (i > s%nq) return
       b = count(s%qo < i)
       if (i - s%qo(b) <= 3) words = ': it is '//short_text(r(k), 3)//either(' rad', ' m', i - s%qo(b) == 3)// &
         ' farther on after a period; moves_on='//quoted(trim(s%bodies(b)%name))//' if it may be'//words
     end associate
   end function drift
+
+  !> An event, by the name of its element and its time.
+  function event_words(run, event) result(words)
+    type(run_state), intent(in) :: run
+    type(switch_event), intent(in) :: event
+    character(:), allocatable :: words
+    words = '"'//element_name(run%sys%m, event%element)//'" at t = '//short_text(event%t, 4)//' s'
+  end function event_words
 
   !> Where the period is an unknown a rest repeats after any time.
   subroutine refuse_rest(run, cycle, fail)
@@ -115,8 +127,8 @@ contains
       if (near > 10*max(cycle%error(cycle%time), so_near)) call text%warn('the multiplier that belongs to time differs from 1 '// &
         'by '//short_text(near, 1)//': finer steps would tell the others better')
     end if
-    if (cycle%grazes) call text%warn('events of "'//element_name(run%sys%m, cycle%changed)//'" change on both sides of the '// &
-                                     'cycle, as where a stop is just touched: it has no multipliers, and those told mean little')
+    if (cycle%grazes) call text%warn('events of '//event_words(run, cycle%changed)//' change on both sides of the cycle, '// &
+      'as where a stop is just touched: it has no multipliers, and those told mean little')
     mu = 0.0_wp
     near = so_near
     what = 'any disturbance'

@@ -10,7 +10,7 @@ module turn_log
   !> A turn: a run of one period from a start.
   type, public :: turn_result
     logical :: lost = .false.                 !! it did not come to its end
-    logical :: remembers = .false.            !! a contact at its end has a memory that the state does not hold
+    integer :: remembers = 0                  !! an element at its end with a memory that the state does not hold; 0: none
     integer, allocatable :: states(:)         !! (elements that switch) at the start
     integer :: steps = 0                      !! in which the next turns are divided
     real(wp) :: at = 0.0_wp                   !! time of a loss [s]
@@ -53,7 +53,8 @@ contains
     class(turn_list), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     type(turn_result) :: turn
-    integer :: k, n, i, length
+    real(wp), allocatable :: states(:)        ! [-]
+    integer :: k, n
     n = self%count
     call a%exchange(n)
     do k = 1, n
@@ -68,13 +69,10 @@ contains
       call exchange_state(turn%slope)
       call exchange_state(turn%range)
       call turn%events%exchange(a)
-      length = 0
-      if (a%saving) length = size(turn%states)
-      call a%exchange(length)
-      if (.not. a%saving) turn%states = spread(0, 1, length)
-      do i = 1, length
-        call a%exchange(turn%states(i))
-      end do
+      if (a%saving) states = turn%states
+      call exchange_state(states)
+      if (a%damaged) return
+      turn%states = nint(states)
       if (.not. a%saving) call self%add(turn)
     end do
   contains

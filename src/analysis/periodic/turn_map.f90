@@ -13,6 +13,7 @@ module turn_map
   use step_control, only: error_norm
   use step_monitor, only: method_number
   use step_counts, only: actual_step, step_count
+  use stops, only: stop_model, stop_open
   use time_stepper, only: stepper, paused, reached
   use turn_log, only: turn_result
   implicit none (type, external)
@@ -27,6 +28,7 @@ module turn_map
     type(transient_record) :: r                      !! method and steps
     integer, allocatable :: compared(:)              !! numbers of the unknowns that repeat
     logical, allocatable :: turning(:)               !! (compared) angles of frames: they repeat up to whole turns
+    logical :: moves_on = .false.                    !! some frames need not repeat
     real(wp), allocatable :: scale(:)                !! (compared) [m, rad], [m/s, rad/s]
     real(wp) :: noise = 0.0_wp                       !! rounding of the map, of the scales [-]
   contains
@@ -57,9 +59,10 @@ contains
       call rest_controls(self%system%m, self%system%ev, run%y(1:s%nq), run%y(s%nq + 1:2*s%nq), run%y(2*s%nq + 1:2*s%nq + s%nz))
       allocate (repeats(s%ny), angle(s%ny), source=.false.)
       repeats(1:2*s%nq + s%nz + s%nzd) = .true.
+      self%moves_on = size(run%d%periodic%moves_on) > 0
       do k = 1, size(run%d%periodic%moves_on)
         b = s%qo(run%d%periodic%moves_on(k))
-        repeats(b + 1:b + 3) = .false.
+        repeats(b + 1:b + 3) = [.false., .false., any(run%d%periodic%angle_repeats == run%d%periodic%moves_on(k))]
       end do
       angle(s%qo + 3) = .true.
       do k = 1, size(s%controllers)               ! a sample at t = 0 computes its output anew
@@ -98,7 +101,7 @@ contains
     real(wp), dimension(size(x)) :: y, low, high     ! [m, rad], [m/s, rad/s], [J]
     real(wp) :: passed(0:240)                        ! of the period, by the length of steps [-]
     real(wp) :: before                               ! [s]
-    integer :: outcome, portion
+    integer :: outcome, portion, k
     logical :: ok
     allocate (system, source=self%system)
     r = self%r
@@ -138,13 +141,24 @@ contains
     turn%slope = y
     call system%derivative(period, y, .true., turn%slope)
     turn%events = system%events
-    associate (n => size(system%m%s%switching))
-      turn%remembers = any(system%ev%switches%event_value(:n) > 0.0_wp .and. system%ev%switches%state(:n) /= 0)
-    end associate
+    turn%remembers = findloc([(remembers(system, k), k=1, system%m%s%stops)], .true., 1)
     turn%range = [real(wp) ::]
     if (first) turn%range = high - low
     if (r%adaptive) turn%steps = as_fine(passed)
   end subroutine march
+
+  !> Whether a stop touches whose force depends on the speed at touching, which the state does not tell.
+  logical function remembers(system, i) result(yes)
+    type(mechanism_system), intent(in) :: system
+    integer, intent(in) :: i                         !! the stop's number among the elements that switch
+    yes = .false.
+    associate (s => system%m%s)
+      select type (stop => s%forces(s%switching(i))%item)
+      class is (stop_model)
+        yes = stop%rebound > 0.0_wp .and. system%ev%switches%state(i) /= stop_open
+      end select
+    end associate
+  end function remembers
 
   !> Puts a start onto the joints, and onto the rows that hold in given states: what is at rest at the start of a cycle is so beside
   !> it, too.
