@@ -130,6 +130,7 @@ contains
       integer, intent(in) :: k   !! which assignment of the group
       character(longest_word) :: names(first_key(self%kind):last_key(self%kind))
       character(:), allocatable :: name, meant
+      character(longest_word), allocatable :: known(:)
       integer :: near, kinds, i
       associate (a => self%parts%assignments(self%head + k))
         name = lower(self%raw(a%first, a%last))
@@ -151,8 +152,9 @@ contains
           call forget(self%row_of(meant))
         else
           near = meant_word(name, names)
-          meant = 'expected one of '//joined(pack(keys(first_key(self%kind):last_key(self%kind))%name, [(applies(self, i), &
-            i=first_key(self%kind), last_key(self%kind))]), ', ')
+          known = pack(keys(first_key(self%kind):last_key(self%kind))%name, &
+            [(applies(self, i), i=first_key(self%kind), last_key(self%kind))])
+          meant = 'expected one of '//joined(pack(known, [(all(known(:i - 1) /= known(i)), i=1, size(known))]), ', ')
           if (near > 0) meant = 'did you mean '//trim(names(lbound(names, 1) + near - 1))//'?'
           call self%add_fault(a%line, 'unknown variable '//printable(name, 40)//', '//meant)
           if (near > 0) call forget(lbound(names, 1) + near - 1)
