@@ -12,8 +12,8 @@ from PIL import Image
 
 from .histories import read
 from .mechanism import Mechanism, add_trace, from_run, zigzag
-from .picture_files import FORMATS, lay_out, stem_of
-from .plot import LOOK, body_look, plain_numbers
+from .picture_files import FORMATS, lay_out, plain_numbers, stem_of
+from .plot import LOOK, body_look
 from .progress import Progress
 from .result_files import HistoryError, note, writing
 
@@ -37,7 +37,6 @@ class Picture:
         low, high = corners or scene.extent()
         room = MARGIN * (max(high - low) or 1.0)
         axis.set(xlim=(low[0] - room, high[0] + room), ylim=(low[1] - room, high[1] + room), aspect="equal")
-        plain_numbers(axis)
         self.rail_length = 4.0 * max(high - low)
         self.rails = [axis.plot([], [], "-", color="#aaaaaa", lw=1.0, zorder=1)[0] for _ in scene.sliders]
         self.links = [axis.plot([], [], "-", color=DARK, lw=2.5, zorder=2)[0] for _ in scene.links]
@@ -151,6 +150,7 @@ def film(scene: Mechanism, frames: int) -> list[Image.Image]:
         picture = Picture(axis, scene, named=True)
         for artist in picture.moving:
             artist.set_animated(True)
+        plain_numbers(figure)
         canvas = figure.canvas
         canvas.draw()
         still = canvas.copy_from_bbox(figure.bbox)

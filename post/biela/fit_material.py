@@ -23,7 +23,7 @@ from .master_curve import MasterCurve, master_curve
 from .material_data import DataError, Measurements
 from .material_fit import NEAR, Fit, choose_terms, fit, relative_error, rms
 from .material_law import GHM_KEYS, MAXWELL_KEYS, SHIFT_KEYS, Material, moved, of_group, shift_keys
-from .picture_files import FORMATS, save, stem_of
+from .picture_files import FORMATS, RAISED, save, stem_of
 from .plot import COLOURS, LOOK
 from .progress import Progress
 from .result_files import writing
@@ -198,7 +198,7 @@ def two_or_five(value: float) -> str:
     """Return the label of a tick between powers of ten: that of 2 and 5 times one, '' of the others."""
     power = int(np.floor(np.log10(value)))
     times = round(value / 10.0**power, 6)
-    return f"${times:.0f}\\times10^{{{power}}}$" if times in (2.0, 5.0) else ""
+    return f"{times:.0f}×10{str(power).translate(RAISED)}" if times in (2.0, 5.0) else ""
 
 
 def picture(

@@ -9,6 +9,8 @@ import numpy as np
 import textalloc
 from matplotlib.text import Annotation, Text
 
+from .picture_files import plain_numbers
+
 SIZE = 8  # of the letters [point]
 GROWTH = 1.25  # of a figure in which the names have no room
 LARGEST_SIDE = 20.0  # longer side of a figure [inch]
@@ -62,6 +64,7 @@ def write(axis: plt.Axes, labels: list[Label]) -> list[Text]:
     if not labels:
         return []
     figure = axis.figure
+    plain_numbers(figure)
     while True:
         figure.draw_without_rendering()
         lines, marks = obstacles(axis)

@@ -101,7 +101,6 @@ def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: 
             axis.set_yticks(range(len(part)), [f"{row[1]} + {row[5]:.3g} {pretty_unit(unit_of[row[1]])}".rstrip() for row in part])
             axis.axvline(0.0, color="black", lw=0.8)
             axis.set_xlabel(f"change of {axis_label(scalar.name, units[k])}")
-            axis.ticklabel_format(axis="x", scilimits=(-3, 4), useMathText=True)
             axis.locator_params(axis="x", nbins=5)
             axis.grid(axis="y", visible=False)
         figure.suptitle(f"{study.name}: sensitivities at {at}", fontsize=10)

@@ -12,7 +12,6 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
-from matplotlib.ticker import ScalarFormatter
 
 from .histories import Event, History, common_still, read, read_events
 from .picture_files import save
@@ -21,7 +20,6 @@ from .result_files import RESULT_FILES, HistoryError
 # told apart by colour-blind readers, and in grey by lightness or by line style
 COLOURS = ["#0b45b0", "#e0452f", "#009e73", "#e69f00", "#7b3294", "#56b4e9", "#5b3a1e", "#8c8c8c"]
 STYLES = ["-", (0, (6, 2)), (0, (1, 1.5)), (0, (6, 2, 1, 2)), (0, (10, 3)), (0, (3, 1.5, 1, 1.5, 1, 1.5))]
-RAISED = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 FLAT = 50.0
 STEADY = 1.0e-9  # share of its size by which a column varies that is constant
 ROUNDING = 1.0e-12  # columns that never exceed this share of the largest one of their unit are rounding
@@ -37,8 +35,6 @@ LOOK = {
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": True,
     "axes.prop_cycle": mpl.cycler(color=COLOURS),
     "lines.linewidth": 1.2,
     "legend.frameon": False,
@@ -51,24 +47,6 @@ def body_look(k: int) -> tuple[str, object]:
     """Return colour and line style of the k-th body of a scene, the same in all pictures; drives, forces, springs have others."""
     colours = [COLOURS[j] for j in (0, 3, 5, 6, 7)]
     return colours[k % len(colours)], STYLES[k // len(colours) % len(STYLES)]
-
-
-def plain_numbers(axis: plt.Axes) -> None:
-    """Write the numbers of both axes as plain text."""
-    axis.xaxis.set_major_formatter(Plain())
-    axis.yaxis.set_major_formatter(Plain())
-
-
-class Plain(ScalarFormatter):
-    """Numbers of an axis as plain text, the power of ten above it with raised digits: to set formulas takes a third of the time."""
-
-    def __init__(self) -> None:
-        super().__init__(useMathText=False)
-
-    def get_offset(self) -> str:
-        """Return the power of ten, such as ×10⁻⁴."""
-        factor, mark, power = super().get_offset().partition("1e")
-        return f"{factor}×10{power.translate(RAISED)}" if mark else factor
 
 
 def pretty_unit(unit: str) -> str:
@@ -130,7 +108,6 @@ def draw(
         axes = stacked(figure, len(groups), columns)
         share_abscissa(axes, axis_label(abscissa, unit_of(runs, abscissa)))
         for axis, group in zip(axes, groups):
-            plain_numbers(axis)
             _panel(axis, runs, labels, group, abscissa, styled)
             _log_scales(axis, runs, group, abscissa)
             if path and unit_of(runs, group[0]) == path:

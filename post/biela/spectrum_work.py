@@ -8,8 +8,6 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from scipy import signal
-from scipy.interpolate import make_interp_spline, pchip_interpolate
 
 from . import fatigue, labels
 from .figures import Tabular
@@ -36,12 +34,16 @@ def even_samples(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.n
     steps = np.diff(axis)
     if np.ptp(steps) <= EVEN * steps.max():
         return axis, values
+    from scipy.interpolate import make_interp_spline
+
     even = np.linspace(axis[0], axis[-1], axis.size)
     return even, make_interp_spline(axis, values, k=3)(even)
 
 
 def amplitudes(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies (of the axis' unit, 1/axis) and single-sided peak amplitudes, Hann window, trend removed."""
+    from scipy import signal  # takes as long to load as all else: a decay does without
+
     window = signal.windows.hann(values.size, sym=False)
     size = 2.0 * np.abs(np.fft.rfft(signal.detrend(values) * window)) / window.sum()
     size[0] /= 2.0
@@ -50,12 +52,16 @@ def amplitudes(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def density(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies and power spectral density (Welch, eight overlapping Hann windows, trend removed)."""
+    from scipy import signal
+
     length = max(LEAST_ROWS, 2 * values.size // 9)
     return signal.welch(values, 1.0 / (axis[1] - axis[0]), nperseg=min(length, values.size), detrend="linear")
 
 
 def peaks(size: np.ndarray, most: int) -> list[int]:
     """Return the indices of the largest peaks; left out are drifts, shoulders, and peaks below a hundredth of the largest."""
+    from scipy import signal
+
     found, of = signal.find_peaks(size, height=0.01 * size[1:].max() if size.size > 1 else 0.0, prominence=0.0)
     found = found[(found >= LEAST_PERIODS) & (of["prominences"] >= RESOLVED * size[found])]
     return sorted(sorted(found, key=lambda k: -size[k])[:most])
@@ -63,6 +69,8 @@ def peaks(size: np.ndarray, most: int) -> list[int]:
 
 def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return frequencies, times and amplitudes (frequencies, times) of overlapping windows, a twelfth of the run long."""
+    from scipy import signal
+
     length = max(LEAST_ROWS, values.size // 12)
     step = axis[1] - axis[0]
     transform = signal.ShortTimeFFT(signal.windows.hann(length, sym=False), max(1, length // 8), 1.0 / step, scale_to="magnitude")
@@ -72,14 +80,24 @@ def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     return transform.f, times[inside], spectrum[:, inside]
 
 
+def turning_points(values: np.ndarray, least: float) -> np.ndarray:
+    """Return the rows at which values turn by at least so much, both ends left out."""
+    found = [0]
+    for k in [*np.flatnonzero(np.diff(np.sign(np.diff(values)))) + 1, values.size - 1]:
+        if len(found) > 1 and (values[k] - values[found[-1]]) * (values[found[-1]] - values[found[-2]]) >= 0.0:
+            found[-1] = k  # on the same way
+        elif abs(values[k] - values[found[-1]]) >= least:
+            found.append(k)
+    return np.array(found[1:-1], dtype=int)
+
+
 def decay(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
     """Return the rows of the turning points, and decrement, rate [1/s], frequency [Hz], damping ratio, size at time 0.
 
     Half the way from each turning point to the next is the size of the swing, whatever it swings about, also where that drifts.
     Its logarithm is fitted by a line; HistoryError where there are fewer than four.
     """
-    least = 1.0e-3 * np.ptp(values)
-    turns = np.sort(np.concatenate([signal.find_peaks(side * values, prominence=least)[0] for side in (1.0, -1.0)]))
+    turns = turning_points(values, 1.0e-3 * np.ptp(values))
     if turns.size < 5:
         raise HistoryError(f"{turns.size} turning points, five or more are needed for a decay")
     middle, half = 0.5 * (axis[turns[1:]] + axis[turns[:-1]]), 0.5 * np.abs(np.diff(values[turns]))
@@ -290,7 +308,7 @@ def draw_decay(run: History, names: list[str]) -> plt.Figure:
             side = np.sign(at - np.append(at[1:], at[-2]))
             about = at - side * found["start"] * np.exp(-found["rate"] * when)  # what it swings about: the envelope meets crests
             inner = time[turns[0] : turns[-1] + 1]
-            about = pchip_interpolate(when, about, inner)
+            about = np.interp(inner, when, about)
             envelope = found["start"] * np.exp(-found["rate"] * inner)
             axis.plot(inner, about + envelope, linestyle=STYLES[1], color=COLOURS[1], label="fitted envelope")
             axis.plot(inner, about - envelope, linestyle=STYLES[1], color=COLOURS[1])
