@@ -17,8 +17,8 @@ module reduced_system
   real(wp), parameter :: uncoupled = 1.0e-8_wp         !! coupling that is rounding [-]
   real(wp), parameter :: negligible = 1.0e-9_wp        !! stiffness of one set of terms that is rounding, over the whole [-]
 
-  real(wp), parameter :: rounding = 1.0e-13_wp         !! rate that is, over the highest frequency [-]
-  real(wp), parameter :: dependent = 1.0e-9_wp         !! row of it that follows from others, rows scaled to 1 [-]
+  real(wp), parameter :: rounding = 1.0e-13_wp         !! of a sum, over the sum of its sizes [-]
+  real(wp), parameter :: dependent = 1.0e-9_wp         !! part of a row that is rounding where the others span the rest [-]
 
   !> The matrices on the subspace.
   type :: reduced_model
@@ -31,6 +31,7 @@ module reduced_system
     real(wp), allocatable :: part(:, :, :)             !! (p, p, groups) of each set of terms [1/s2]
     type(viscoelastic_terms), allocatable :: law(:)    !! (groups) the sets of terms
     real(wp), allocatable :: scale(:)                  !! (p) about the frequency of each motion [rad/s]
+    real(wp), allocatable :: noise(:, :)               !! (p, 2) rounding of the row of each rate, without and with damping [1/s]
     integer, allocatable :: label(:)                   !! (p) which part each motion is in
     integer :: parts = 0
     logical :: exact = .true.                          !! no coupling was cut
@@ -57,6 +58,7 @@ contains
     real(wp), intent(in) :: basis(:, :)                !! (n, p) [1/sqrt(kg)]
     logical, intent(in) :: rigid(:)                    !! (p)
     complex(wp) :: v(ds%n + ds%rows)
+    real(wp), dimension(size(basis, 2)) :: level, g, c ! rounding of K [1/s2], of gyroscopic terms and of damping [1/s]
     integer :: j, r
     self%p = size(basis, 2)
     self%basis = basis
@@ -75,7 +77,17 @@ contains
       end do
     end do
     if (ds%symmetric) self%k = 0.5_wp*(self%k + transpose(self%k))
-    self%k = without_rounding(self%k, [(rounding_level(ds, basis(:, j)), j=1, self%p)])
+    level = [(rounding_level(ds, basis(:, j)), j=1, self%p)]
+    self%k = without_rounding(self%k, level)
+    self%noise = reshape([(0.0_wp, j=1, 2*self%p)], [self%p, 2])
+    do j = 1, self%p
+      g = rounding*matmul(ds%real_times(abs(ds%gyro), abs(basis(:, j))), abs(basis))
+      c = rounding*matmul(ds%real_times(abs(ds%c - ds%gyro), abs(basis(:, j))), abs(basis))
+      where (abs(self%g(:, j)) <= g) self%g(:, j) = 0.0_wp
+      where (abs(self%c(:, j)) <= c) self%c(:, j) = 0.0_wp
+      self%noise(:, 1) = max(self%noise(:, 1), g)
+      self%noise(:, 2) = max(self%noise(:, 2), c)
+    end do
     do j = 1, self%p
       if (.not. rigid(j)) cycle
       self%k(:, j) = 0.0_wp
@@ -84,8 +96,9 @@ contains
       self%part(j, :, :) = 0.0_wp
     end do
     call self%find_scale()
-    where (abs(self%g) <= rounding*maxval(self%scale)) self%g = 0.0_wp
-    where (abs(self%c) <= rounding*maxval(self%scale)) self%c = 0.0_wp
+    level = sqrt(level)*max(0.0_wp, maxval(sqrt(level)/self%scale, .not. rigid))   ! positions of rigid motions act on nothing
+    self%noise(:, 1) = max(self%noise(:, 1), level)
+    self%noise(:, 2) = max(self%noise(:, 1), self%noise(:, 2))
   contains
     !> Components of a force on the basis.
     function projected(force) result(y)
@@ -202,6 +215,7 @@ contains
     logical, intent(in) :: damped
     logical, intent(out) :: ok
     real(wp), allocatable :: a(:, :), wr(:), wi(:), vr(:, :), work(:)
+    real(wp), allocatable :: noise(:)                  ! what is rounding in rows [1/s]
     real(wp) :: left(1, 1)
     complex(wp) :: shape(size(members))                ! [-]
     complex(wp), allocatable :: state(:)
@@ -215,7 +229,11 @@ contains
     n = size(a, 1)
     e = count(.not. model%rigid(members))
     zeros = 0
-    if (c > e) zeros = zero_eigenvalues(a, rounding*maxval(model%scale))
+    if (c > e) then
+      allocate (noise(n), source=0.0_wp)
+      noise(e + 1:e + c) = model%noise(members, merge(2, 1, damped))
+      zeros = zero_eigenvalues(a, noise)
+    end if
     allocate (wr(n), wi(n), vr(n, n), work(34*n))
     call dgeev('N', 'V', n, a, n, wr, wi, left, 1, vr, n, work, size(work), info)
     ok = info == 0
@@ -301,31 +319,32 @@ contains
   !> How many eigenvalues are zero, by the dimensions of null spaces: as many as there are dependent rows, then the same on the
   !> space that the rows span, until all rows are independent (Golub & Wilkinson 1976). The eigenvalues themselves do not show it:
   !> rounding moves zeros of a Jordan chain farther than slow turning moves others.
-  integer function zero_eigenvalues(matrix, noise) result(zeros)
+  integer function zero_eigenvalues(matrix, rounded) result(zeros)
     real(wp), intent(in) :: matrix(:, :)               !! [1/s]
-    real(wp), intent(in) :: noise                      !! what is rounding in it [1/s]
-    real(wp), allocatable :: a(:, :), q(:, :), largest_entry(:), tau(:), work(:)
+    real(wp), intent(in) :: rounded(:)                 !! what is rounding in each row [1/s]
+    real(wp), allocatable :: a(:, :), q(:, :), noise(:), known(:), tau(:), work(:)
     integer, allocatable :: pivots(:)
     integer :: n, rank, j, info
     zeros = 0
     a = matrix
+    noise = rounded
     do
       n = size(a, 1)
       if (n == 0) return
-      where (abs(a) <= noise) a = 0.0_wp
       q = transpose(a)
-      largest_entry = [(max(maxval(abs(q(:, j))), tiny(1.0_wp)), j=1, n)]
+      known = [(max(dependent*maxval(abs(q(:, j))), noise(j), tiny(1.0_wp)), j=1, n)]
       do j = 1, n
-        q(:, j) = q(:, j)/largest_entry(j)
+        q(:, j) = q(:, j)/known(j)
       end do
       allocate (tau(n), work(66*n), source=0.0_wp)
       allocate (pivots(n), source=0)
       call dgeqp3(n, n, q, n, pivots, tau, work, size(work), info)
-      rank = count([(abs(q(j, j))*largest_entry(pivots(j)) > max(dependent*largest_entry(pivots(j)), noise), j=1, n)])
+      rank = count([(abs(q(j, j)) > 1.0_wp, j=1, n)])
       if (rank == n) return
       zeros = zeros + n - rank
       call dorgqr(n, n, rank, q, n, tau, work, size(work), info)
       a = matmul(transpose(q(:, 1:rank)), matmul(a, q(:, 1:rank)))
+      noise = matmul(noise, abs(q(:, 1:rank)))
       deallocate (tau, work, pivots)
     end do
   end function zero_eigenvalues

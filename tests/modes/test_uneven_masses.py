@@ -114,11 +114,11 @@ def test_modes_kept_of_a_lumped_beam_are_those_of_its_nodes(run_deck, ratio, ele
 
 
 @pytest.mark.parametrize("ratio", RATIOS)
-@pytest.mark.parametrize("spin", [1e-4, 1e-3, 30.0])
+@pytest.mark.parametrize("spin", [1e-5, 3e-4, 30.0])
 def test_a_structure_that_turns_freely_in_space(run_deck, ratio, spin):
     """In axes that turn with it a free structure has one rigid motion, and drifts past at the frequency of the turn.
 
-    The square of 1e-5 rad/s is to that of the lowest vibration as rounding to 1: kernels of a BLAS decide what is found there.
+    Slow turns are right although the square of 1e-5 rad/s is to that of the lowest vibration as rounding to 1.
     """
     deck = f"&body name='p' kind='rigid' mass={0.648 * ratio} inertia={0.01 * ratio} angular_velocity={spin} /\n"
     deck += BEAM.format(elements=4, more=f"angular_velocity={spin}")

@@ -150,11 +150,17 @@ contains
     logical :: good
     self%singular = .true.
     call take_matrix((self%kd + 1)*self%n, size(self%f), self%s, self%f)
-    eps = self%mean_shift()
-    if (.not. eps > tiny(1.0_wp)) eps = 1.0_wp   ! S is 0: no multiplier moves anything, any shift will do
+    eps = eps_of_factor(self)
     self%f(0, 1:self%n) = self%f(0, 1:self%n) + eps
     call eliminate(self%n, self%kd, self%f, self%s, -1.0e100_wp, good)
   end subroutine factor_shifted
+
+  !> What is added to the diagonal of a singular S.
+  pure real(wp) function eps_of_factor(self) result(eps)   ! [1/kg]
+    class(multiplier_system), intent(in) :: self
+    eps = self%mean_shift()
+    if (.not. eps > tiny(1.0_wp)) eps = 1.0_wp   ! S is 0: no multiplier moves anything, any shift will do
+  end function eps_of_factor
 
   !> f = S, with zeros beyond its last column.
   pure subroutine take_matrix(ns, nf, s, f)
@@ -235,7 +241,28 @@ contains
   end subroutine substitute_placed
 
   !> The minimum-norm multipliers that exert the same forces as the given ones, by the last factor: redundant rows share.
+  !> Rounding of S lambda over eps is in them, too, and exerts no force: what eps/(S + eps) leaves of them holds it and is split.
   subroutine minimum_norm_equivalent(self, lambda)
+    class(multiplier_system), intent(inout) :: self
+    real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order [N]
+    real(wp) :: rest(size(lambda)), moving(size(lambda))   ! of those multipliers, and what of it exerts forces [N]
+    integer :: pass
+    call solve_for_forces(self, lambda)
+    if (.not. self%singular .or. self%uneven_masses) return   ! no factor of S + eps
+    call put(self, lambda/self%scale**2)
+    do pass = 1, 2
+      call substitute(self%n, self%kd, self%f, self%x)
+      self%x = eps_of_factor(self)*self%x
+    end do
+    rest = 0.0_wp
+    call get(self, rest)
+    moving = rest
+    call solve_for_forces(self, moving)
+    lambda = lambda - (rest - moving)
+  end subroutine minimum_norm_equivalent
+
+  !> lambda <- the solution for S lambda.
+  subroutine solve_for_forces(self, lambda)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(inout) :: lambda(:)      !! (n) in the constraints' own order [N]
     integer :: k
@@ -248,7 +275,7 @@ contains
       lambda(self%row(k)) = -self%x(k)/self%scale(self%row(k))
     end do
     call self%solve(lambda)
-  end subroutine minimum_norm_equivalent
+  end subroutine solve_for_forces
 
   !> Reduces the given multipliers to the part that exerts no force: that in the null space of S.
   subroutine remove_range(self, lambda)
