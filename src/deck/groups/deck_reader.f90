@@ -284,6 +284,8 @@ contains
         'check_reduction=.true. estimates the error of a given number of modes, expected a body with modes > 0')
       if (d%transient%check_mesh .and. .not. any(d%bodies%kind == 'beam')) call d%transient%at%blame(source%faults, &
         'check_mesh=.true. estimates the error of a number of elements, expected a beam')
+      if (d%transient%check_mesh .and. size(d%sensors) == 0) call d%transient%at%blame(source%faults, &
+        'check_mesh=.true. compares columns of sensors (the nodes of motion.txt are others in each mesh), expected a &sensor')
       do k = 1, size(d%sensors)
         if (all(d%sensors(k)%quantity /= ['coordinate', 'internal  ', 'layer     ']) .or. d%sensors(k)%marker%body == 0) cycle
         associate (b => d%bodies(d%sensors(k)%marker%body))
