@@ -36,7 +36,7 @@ class PlainLog(LogFormatterMathtext):
         if x == 0.0:
             return "0"
         factor, _, power = f"{abs(x):.0e}".partition("e")
-        return "−" * (x < 0.0) + f"{factor}×10{str(int(power)).translate(RAISED)}".removeprefix("1×")
+        return ("−" if x < 0.0 else "") + f"{factor}×10{str(int(power)).translate(RAISED)}".removeprefix("1×")
 
 
 def plain_numbers(figure: plt.Figure) -> None:
