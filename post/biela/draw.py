@@ -22,6 +22,7 @@ from .result_files import HistoryError
 DARK, GREY = "#333333", "#8c8c8c"
 DRIVE, FORCE, SPRING, SENSOR, STOP = COLOURS[1], COLOURS[4], COLOURS[2], "#9a5b00", "#b0126e"
 SYMBOL = 0.035  # size of drawn arrows and springs, of the picture's larger side
+STACK = 0.05  # height of the highest stack of layers, likewise
 
 
 def figures_of(source: Path, biela: Path) -> dict:
@@ -79,6 +80,8 @@ class ScenePicture:
             else:
                 self.axis.plot(*at, "P", color=colour, ms=6, zorder=4)
             self._label(at, body["name"], colour)
+            if any(len(stack) > 1 for stack in body.get("sections", [])):
+                self._layers(body, colour)
         for spring in self.scene["springs"]:
             a, b = (np.array(spring[side]["at"]) for side in "ab")
             if spring["kind"] == "torsional":
@@ -106,6 +109,25 @@ class ScenePicture:
     def name_all(self) -> None:
         """Write the names, once everything else stands where it stays."""
         labels.write(self.axis, self.labels)
+
+    def _layers(self, body: dict, colour: str) -> None:
+        """Draw the layers of a beam to a scale of their own across; viscoelastic ones are hatched, with dark edges."""
+        nodes = np.array(body["nodes"])
+        highest = max(stack[-1]["to"] - stack[0]["from"] for stack in body["sections"])
+        scale = max(STACK * self.span / highest, 1.0)
+        for ends, section in zip(body["elements"], body["element_sections"]):
+            a, b = nodes[np.array(ends) - 1]
+            across = scale * np.array([a[1] - b[1], b[0] - a[0]]) / np.hypot(*(b - a))
+            for layer in body["sections"][section - 1]:
+                low, high = layer["from"] * across, layer["to"] * across
+                look = dict(fc=colour, ec=colour, alpha=0.25, lw=0.6)
+                if layer["viscoelastic"]:
+                    look = dict(fc="white", ec=DARK, hatch="////////", lw=1.2, zorder=2.5)
+                self.axis.fill(*np.transpose([a + low, b + low, b + high, a + high]), **look)
+        words = f"layers of {body['name']}: {scale:.3g} times as thick, viscoelastic ones hatched"
+        if self.axis.get_title():
+            words = f"{self.axis.get_title()}\n{words}"
+        self.axis.set_title(words, fontsize=9)
 
     def _label(self, at: np.ndarray, text: str, colour: str) -> None:
         self.labels.append(labels.Label(np.array(at), text, colour))
@@ -211,7 +233,7 @@ def _drawn(figures: dict, title: str | None) -> plt.Figure:
         shape = (axis.get_ylim()[1] - axis.get_ylim()[0]) / (axis.get_xlim()[1] - axis.get_xlim()[0])
         figure.set_size_inches(8.0, float(np.clip(7.2 * shape + 1.2, 3.0, 9.0)))
         picture.draw()
-        axis.set_title(title, fontsize=9)
+        axis.set_title("\n".join(filter(None, [title, axis.get_title()])), fontsize=9)
         picture.name_all()
     return figure
 

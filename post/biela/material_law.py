@@ -116,7 +116,14 @@ def moved(group: Group, deck: Deck) -> tuple[float, float]:
 
 def static_key(group: Group) -> str:
     """Return the name of the static modulus of a `&material`, or of the static stiffness of a `&spring`."""
-    return "stiffness" if group.kind == "spring" else "young"
+    if group.kind == "spring":
+        return "stiffness"
+    return "shear_modulus" if "shear_modulus" in group.values else "young"
+
+
+def over_static(group: Group) -> float:
+    """Return the static modulus over the value of `static_key`: 2 (1 + Poisson's ratio) of a shear modulus, else 1."""
+    return 2.0 * (1.0 + group.number("poisson", 0.3)) if static_key(group) == "shear_modulus" else 1.0
 
 
 def of_group(group: Group, times: float = 1.0, stiffer: float = 1.0) -> Material:
@@ -131,4 +138,4 @@ def of_group(group: Group, times: float = 1.0, stiffer: float = 1.0) -> Material
         raise DeckError(f"&{group.kind} {group.name}: {static} and all terms have to be positive")
     scale = group.number("ghm_frequency_scale", 1.0) / times
     ghm[2], maxwell[1] = ghm[2] * scale, maxwell[1] / scale
-    return Material(young * stiffer, *ghm, *maxwell)
+    return Material(young * over_static(group) * stiffer, *ghm, *maxwell)

@@ -183,6 +183,29 @@ def draw_poles(table: History, title: str = "") -> plt.Figure:
     return figure
 
 
+def draw_shares(table: History, title: str = "") -> plt.Figure | None:
+    """Return a figure of the parts of each vibration's loss and energy that viscoelastic layers have; None where there are none."""
+    layers = [name[: -len(".loss")] for name in table.names if name.endswith(".loss")]
+    rows = np.flatnonzero(table["kind"] == VIBRATION)
+    if not layers or not rows.size:
+        return None
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(2, 1, figsize=(7.2, 4.8), sharex=True, layout="constrained")
+        for axis, part, words in zip(axes, ("loss", "energy"), ("share of the loss", "share of the energy")):
+            below = np.zeros(rows.size)
+            for k, layer in enumerate(layers):
+                share = table[f"{layer}.{part}"][rows]
+                look = dict(color=COLOURS[k % len(COLOURS)], label=layer if part == "loss" else None)
+                axis.bar(range(rows.size), share, 0.6, below, **look)
+                below += share
+            axis.set(ylabel=words, ylim=(0.0, 1.05 * max(below.max(), 1.0e-3)))
+            axis.grid(visible=False, axis="x")
+        names = [caption(table, row).replace(": ", "\n").replace(", ", "\n") for row in rows]
+        axes[1].set_xticks(range(rows.size), names, fontsize=8)
+        figure.legend(loc="outside upper center", ncols=4, title=title or None)
+    return figure
+
+
 def sensors(table: History, patterns: list[str] | None) -> list[str]:
     """Return the sensor columns of a frequency response that patterns select; without patterns all that are more than rounding."""
     names = table.match([f"{p}.amplitude" for p in patterns or ["*"]])
@@ -253,6 +276,10 @@ class Modes:
         """Draw the poles in the complex plane."""
         return draw_poles(self.table, title)
 
+    def shares(self, title: str = "") -> plt.Figure | None:
+        """Draw what viscoelastic layers have of each vibration's loss and energy; None: no body has such layers."""
+        return draw_shares(self.table, title)
+
     def _repr_html_(self) -> str:
         return self.to_dataframe().to_html(max_rows=20)
 
@@ -270,6 +297,8 @@ def draw_all(args: argparse.Namespace) -> int:
         found = Modes(read(args.run, "modes"))
         paths.append(save(found.picture(args.modes, args.title), stem, "_modes"))
         paths.append(save(found.poles(args.title), stem, "_poles"))
+        shares = draw_shares(found.table, args.title)
+        paths += [save(shares, stem, "_shares")] if shares else []
     if "frequency_response" in there:
         table = read(args.run, "frequency_response")
         figure = draw_response(table, sensors(table, args.columns), args.title)

@@ -333,6 +333,8 @@ def modal(run: Run) -> Part | None:
     head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
     shapes = mode_pictures.draw_shapes(table, mode_pictures.chosen_rows(table, None))
     pictures = [embed(shapes, f"{run.label}: shapes"), embed(mode_pictures.draw_poles(table), f"{run.label}: poles")]
+    shares = mode_pictures.draw_shares(table)
+    pictures += [embed(shares, f"{run.label}: which layers store and lose")] if shares else []
     words = [line for line in (found["complete"], found["complete_damped"]) if line]
     return Part(paragraphs=words, head=head, rows=rows, pictures=pictures)
 

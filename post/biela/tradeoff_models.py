@@ -14,7 +14,7 @@ import numpy as np
 
 from .deck import Deck, DeckError, Group
 from .material_fit import fit, relative_error
-from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, moved, of_group, static_key
+from .material_law import GHM_KEYS, MAXWELL_KEYS, Material, moved, of_group, over_static, static_key
 
 MODAL = ("modes", "static_shapes")  # taken away together: nodal coordinates have no static shapes
 NODE_KEYS = (("node_a", "body_a"), ("node_b", "body_b"), ("node", "body"))
@@ -265,7 +265,8 @@ def _term_changes(group: Group, highest: float, target: float) -> list[tuple[str
     for fitted, error in _maxwell(tuple(map(tuple, law.arrays)), law.young, highest) if law and law.alpha.size else ():
         if error <= target:
             values: dict = dict.fromkeys(key for key in (*GHM_KEYS, *MAXWELL_KEYS, "ghm_frequency_scale") if key in group.values)
-            values |= dict(zip(MAXWELL_KEYS, (fitted.weight.tolist(), fitted.tau.tolist()))) | {static_key(group): fitted.young}
+            values |= dict(zip(MAXWELL_KEYS, (fitted.weight.tolist(), fitted.tau.tolist())))
+            values[static_key(group)] = fitted.young / over_static(group)
             found.append((f"{fitted.weight.size} Maxwell terms (modulus within {error:.1g})", values))
     return found
 

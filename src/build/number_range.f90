@@ -57,7 +57,6 @@ contains
     type(body_record), intent(in) :: r
     type(body_model), intent(in) :: b
     type(fault_list), intent(inout) :: faults
-    type(viscoelastic_terms) :: law
     real(wp) :: instantaneous                        ! instantaneous over static stiffness [-]
     integer :: e
     if (value_refused('mass', b%mass, 'kg')) return
@@ -69,10 +68,10 @@ contains
       return
     end if
     do e = 1, b%ne
-      associate (g => b%elements(e), m => d%materials(b%elements(e)%material))
-        law = law_of(m%law)
+      associate (g => b%elements(e))
         instantaneous = 1.0_wp
-        if (r%viscoelastic) instantaneous = 1.0_wp + sum(law%alpha)
+        if (r%viscoelastic) instantaneous = over_static(g%material)
+        if (allocated(b%layers)) instantaneous = maxval([1.0_wp, over_static(b%layers%kinds(b%layers%kind(e))%material)])
         if (value_refused('mass of an element', g%mass, 'kg')) return
         if (value_refused('rotary inertia of an element', g%mass*g%length**2, 'kg m2')) return
         if (value_refused('bending stiffness of an element', g%ei_l/g%length**2, 'N/m')) return
@@ -87,6 +86,16 @@ contains
       end associate
     end do
   contains
+    !> Instantaneous over static modulus of a material, 0: no terms.
+    elemental real(wp) function over_static(material)   ! [-]
+      integer, intent(in) :: material
+      type(viscoelastic_terms) :: law
+      over_static = 1.0_wp
+      if (material == 0) return
+      law = law_of(d%materials(material)%law)
+      over_static = 1.0_wp + sum(law%alpha)
+    end function over_static
+
     !> Whether a value of the body is out of range.
     logical function value_refused(what, x, unit)
       character(*), intent(in) :: what, unit

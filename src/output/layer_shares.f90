@@ -40,13 +40,14 @@ contains
     do b = 1, size(m%s%bodies)
       most = max(most, layers_of(m%s%bodies(b)))
     end do
+    allocate (values(0))
+    if (most == 0) return
     allocate (part(0:most, size(m%s%bodies)), source=(0.0_wp, 0.0_wp))
     do b = 1, size(m%s%bodies)
       associate (body => m%s%bodies(b), i => m%s%qo(b) + 3)
         if (body%flexible) call add_body(body, q(i + 1:i + body%nf), x(i + 1:i + body%nf), s, part(:, b))
       end associate
     end do
-    allocate (values(0))
     do b = 1, size(m%s%bodies)
       do l = 1, layers_of(m%s%bodies(b))
         if (damps(m%s%bodies(b), l)) values = [values, over(real(part(l, b)), sum(real(part))), over(aimag(part(l, b)), &

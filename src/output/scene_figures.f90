@@ -101,7 +101,7 @@ contains
         end do
         call text%member('', item(r%name, r%kind)//', "frame": '//vector(q(m%s%qo(k) + 1:m%s%qo(k) + 3))//', "mass": '// &
                          json_number(b%mass)//', "centre": '//position(marker_record(body=k, point=b%i1/b%mass))// &
-                         ', "nodes": ['//nodes%all()//'], "elements": ['//elements%all()//']}')
+                         ', "nodes": ['//nodes%all()//'], "elements": ['//elements%all()//']'//layers_of(k)//'}')
       end associate
     end subroutine add_body
 
@@ -133,7 +133,7 @@ contains
           call points%add(vector(c(:, k)))
         end do
         call text%member('', item(d%profiles(number)%name, d%profiles(number)%kind)//', "closed": '// &
-                         either('true', 'false', d%profiles(number)%closed)//', "points": ['//points%all()//']}')
+                         yes(d%profiles(number)%closed)//', "points": ['//points%all()//']}')
       end select
     end subroutine outline
 
@@ -147,6 +147,43 @@ contains
       if (number > 0) json = ', "profile": '//json_text(trim(d%profiles(number)%name))//', "radius": '//json_number(radius)// &
         ', "face": '//json_number(face)
     end function follower
+
+    !> The sections of a body of layers, each layer between two heights above the node line, and the section of each element.
+    function layers_of(k) result(json)
+      integer, intent(in) :: k                 !! body
+      character(:), allocatable :: json
+      type(text_buffer) :: words
+      integer :: j, l
+      json = ''
+      if (.not. allocated(m%s%bodies(k)%layers)) return
+      call words%add(', "sections": [')
+      associate (b => m%s%bodies(k)%layers)
+        do j = 1, size(b%sections)
+          call words%add(either('[', ', [', j == 1))
+          do l = 1, size(b%sections(j)%layers)
+            associate (layer => b%sections(j)%layers(l))
+              call words%add(either('', ', ', l == 1)//'{"material": '//json_text(trim(m%s%materials(layer%material)))// &
+                             ', "from": '//json_number(layer%height - 0.5_wp*layer%thickness)//', "to": '// &
+                             json_number(layer%height + 0.5_wp*layer%thickness)//', "core": '//yes(layer%core > 0)// &
+                             ', "viscoelastic": '//yes(layer%follows)//'}')
+            end associate
+          end do
+          call words%add(']')
+        end do
+        call words%add('], "element_sections": [')
+        do j = 1, size(b%kind)
+          call words%add(either('', ', ', j == 1)//to_text(b%kinds(b%kind(j))%section))
+        end do
+      end associate
+      json = words%all()//']'
+    end function layers_of
+
+    !> A truth value.
+    function yes(x) result(json)
+      logical, intent(in) :: x
+      character(:), allocatable :: json
+      json = either('true', 'false', x)
+    end function yes
 
     !> What acts between two markers, with its direction in global axes.
     subroutine pair(name, kind, a, b, direction, rest)

@@ -91,7 +91,9 @@ contains
         call text%say(words, pack([real(wp) :: b%basis%static_shapes, b%basis%reduced_from], [d%bodies(k)%static_shapes, .true.]))
       else
         call text%say(' elastic coordinates ({nodal_coordinates #} nodal ones'// &
-                      either('', ' without the axial ones', b%axial)//' less the reference conditions)', [real(wp) :: 3*b%nn])
+                      either('', ' without the axial ones', b%axial)//' less the reference conditions'// &
+                      either(', {core_coordinates #} of cores)', ')', size(b%dof, 1) > 3), &
+                      [real(wp) :: 3*b%nn, b%nf - count(b%dof(:3, :) > 0)])
       end if
       if (b%stiffening) call text%say(', geometric stiffening')
       call text%member('dissipative_coordinates', to_text(b%nz))

@@ -36,6 +36,21 @@ def test_all_names_are_drawn(name, biela):
     plt.close(figure)
 
 
+def test_layers_are_drawn_to_one_scale_where_they_are(biela):
+    """The rod: 4 mm of steel; tape and cover above it over the middle 0.3 m, hatched where a layer damps."""
+    figure = draw.draw(draw.figures_of(ROOT / "input" / "clad_rod.nml", biela))
+    found = [(patch.get_xy()[:-1], patch.get_hatch()) for patch in figure.axes[0].patches if len(getattr(patch, "xy", ())) == 5]
+    assert len(found) == 10 + 2 * 6
+    steel = [corners for corners, hatch in found if hatch is None and corners[:, 1].min() < 0.0]
+    scale = np.ptp(steel[0][:, 1]) / 4e-3
+    tape = [corners for corners, hatch in found if hatch]
+    assert len(tape) == 6
+    assert scale > 1.0
+    np.testing.assert_allclose([np.min(tape, axis=(0, 1))[0], np.max(tape, axis=(0, 1))[0]], [0.15, 0.45], rtol=1e-9)
+    np.testing.assert_allclose([np.min(tape, axis=(0, 1))[1], np.max(tape, axis=(0, 1))[1]], [2e-3 * scale, 2.1e-3 * scale])
+    plt.close(figure)
+
+
 SHIPPED = sorted(path.stem for path in (ROOT / "input").glob("*.nml"))
 
 

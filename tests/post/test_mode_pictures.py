@@ -34,6 +34,26 @@ def test_all_three_pictures_are_drawn(run, capsys):
     assert all(ink(path) > 0.005 for path in found)
 
 
+def test_shares_of_layers_are_bars_that_add_up(run_deck, run):
+    """A tape under a cover and a free layer: of the loss they have all together."""
+    assert modes.draw_shares(read(run.folder, "modes")) is None
+    deck = (
+        "&material name='m' density=7850.0 young=2.1e11 /\n"
+        f"&material name='tape' density=1000.0 shear_modulus=4e5 {GHM} /\n&material name='pad' density=1200.0 young=1e9 {GHM} /\n"
+        "&section name='s' layers='m','tape','m','pad' thickness=2e-3,0.25e-3,0.5e-3,1e-3 width=0.02 cores=2 /\n"
+        "&body name='b' kind='beam' length=0.25 elements=4 section='s' reference='clamped' /\n"
+        "&joint name='wall' type='weld' body_a='b' node_a=1 /\n&modal modes=2 /\n"
+    )
+    layered = run_deck(deck, name="layered")
+    figure = modes.draw_shares(read(layered.folder, "modes"))
+    bars = [[bar.get_height() for bar in axis.patches] for axis in figure.axes]
+    np.testing.assert_allclose(np.reshape(bars[0], (2, 2)).sum(axis=0), 1.0, rtol=1e-9)
+    assert np.all(np.reshape(bars[1], (2, 2)).sum(axis=0) < 0.5)
+    assert min(bars[0]) > 1e-3
+    assert modes_command.main([str(layered.folder)]) == 0
+    assert ink(layered.folder / "modal_shares.png") > 0.005
+
+
 def test_a_shape_is_drawn_where_the_file_puts_it(run):
     table = read(run.folder, "modes")
     rows = modes.chosen_rows(table, [1, 2])

@@ -85,14 +85,17 @@ SCALED = deck_of(
     {"group": "material", "name": "m", "density": 1000.0, "young": 1e9, "ghm_alpha": [0.5, 0.2], "ghm_zeta": [2.0, 3.0],
      "ghm_omega": [1e3, 1e2], "prony_alpha": 0.3, "prony_tau": 1e-2, "ghm_frequency_scale": 3.0},
     {"group": "spring", "name": "s", "stiffness": 5.0, "ghm_alpha": 1.0, "ghm_zeta": 5.0, "ghm_omega": 20.0},
+    {"group": "material", "name": "n", "density": 1000.0, "shear_modulus": 2.0, "poisson": 0.25, "ghm_alpha": 1.0, "ghm_zeta": 5.0,
+     "ghm_omega": 20.0},
 )  # fmt: skip
 
 
-@pytest.mark.parametrize(("number", "internal", "fits"), [(0, 5, 3), (1, 2, 1)])
+@pytest.mark.parametrize(("number", "internal", "fits"), [(0, 5, 3), (1, 2, 1), (2, 2, 1)])
 def test_maxwell_terms_take_the_place_of_ghm_terms_with_the_error_that_is_told(number, internal, fits):
     group = SCALED.groups[number]
     law, errors = of_group(group), []
     assert law.internal_variables == internal
+    assert law.young == (1e9, 5.0, 5.0)[number]  # 2 (1 + 0.25) times a shear modulus
     for label, values in models._term_changes(group, 1000.0, 0.5):
         if "modulus within" not in label:
             continue

@@ -194,7 +194,7 @@ contains
     end if
     first = merge(1, 2, b%axial)
     n = 0
-    allocate (op%rigid(b%nf, 4 - first))
+    allocate (op%rigid(b%nf, 4 - first), source=0.0_wp)   ! nothing slips
     do m = first, 3
       n = n + 1
       do k = 1, b%nn
