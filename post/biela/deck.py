@@ -85,7 +85,7 @@ class Deck:
             raise DeckError(f"{'/'.join([kind, *name])}: the deck has {len(found)} such groups, one expected")
 
     def needed_sensors(self, wanted: Iterable[str]) -> set[str]:
-        """Return the names of the sensors that are wanted, and of those that are arguments of forces and controllers."""
+        """Return the names of the sensors that are wanted, and of those that are arguments of histories, forces and controllers."""
         arguments = {group.word("argument").partition(".")[0] for group in self.groups}
         return {group.name for group in self.all("sensor") if group.name in {*wanted} | arguments}
 

@@ -55,7 +55,7 @@ contains
     if (advice%safe%step(1) >= huge(1.0_wp)) return
     if (any(m%s%bodies%stiffening)) call provide('tension', 'with geometric stiffening the bounds are those of the start; '// &
                                                  'tension raises frequencies')
-    if (any([(allocated(m%s%forces(b)%item%argument), b=1, size(m%s%forces))])) call provide('forces over the motion', &
+    if (any([(m%s%forces(b)%item%motions > 0, b=1, size(m%s%forces))])) call provide('forces over the motion', &
       'what forces over the motion add is in the current bound alone: the safe bound counts them as they are at the start')
     work = ev
     call evaluate_start(m, work, q)

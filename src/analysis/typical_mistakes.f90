@@ -3,6 +3,7 @@
 module typical_mistakes
   use kinds, only: wp, pi
   use acting_markers, only: list_markers
+  use build_factors, only: gives_back
   use deck_origin, only: origin
   use deck_records, only: deck, marker_record
   use deck_temperature, only: has_shift, material_used
@@ -23,8 +24,13 @@ contains
   subroutine warn_of_mistakes(d, check)
     type(deck), intent(in) :: d
     logical, intent(in) :: check          !! a deck that is only checked needs no analysis
+    integer :: k
     call idle_parts(d)
     call idle_temperatures(d)
+    do k = 1, merge(size(d%forces), 0, check)
+      call warn_if(gives_back(d, d%forces(k)), d%forces(k)%at, 'it follows a place on both ways: what it takes on one it gives '// &
+                   'back on the other. To act on one stroke alone it needs a history of kind=''switch''')
+    end do
     call odd_materials(d)
     call degrees(d)
     call millimetres(d)

@@ -33,7 +33,7 @@ contains
     type(acting_marker), allocatable :: list(:, :)
     integer :: k, n
     n = s%permanent
-    allocate (list(3, n + size(s%forces)))
+    allocate (list(3, n + s%acting))
     list%marker = list_markers(d)
     do k = 1, n
       call set_acts(list(:, k), s%constraints(k)%item%acts_on())
@@ -44,7 +44,7 @@ contains
         call set_acts(list(:, c%parent), c%acts_on())
       end associate
     end do
-    do k = 1, size(s%forces)
+    do k = 1, s%acting
       call set_acts(list(:, n + k), s%forces(k)%item%acts_on())
     end do
   end function list_acting

@@ -48,7 +48,10 @@ contains
     end do
     do k = 1, size(d%forces)
       associate (f => s%forces(s%springs + k)%item)
-        if (f%controller > 0) allocate (f%argument, source=s%controllers(f%controller)%quantity)
+        if (f%controller == 0) cycle
+        f%motions = 1
+        allocate (f%arguments(1))
+        allocate (f%arguments(1)%item, source=s%controllers(f%controller)%quantity)
       end associate
     end do
   end subroutine place_controllers

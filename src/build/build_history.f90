@@ -3,7 +3,8 @@ module build_history
   use kinds, only: wp, pi
   use simple_histories, only: cycloid_model, polynomial_model, pulse_model, ramp_model, rise_model, sine_model
   use deck_records, only: deck, history_record
-  use history, only: breakpoint, history_box, history_model
+  use history, only: breakpoint, history_box, history_model, merged
+  use product_history, only: product_model
   use sequence_history, only: sequence_model
   use sum_history, only: sum_model
   use table_history, only: table_model
@@ -41,7 +42,7 @@ contains
         pulse%breaks = both_ends(r, 0)
         pulse%remedy = 'a ramp or a cycloid instead of the pulse'
         call move_alloc(pulse, h)
-      case ('sum')
+      case ('sum', 'product')
         call make_sum(d, r, h)
       case default
         call make_sequence(d, r, h)
@@ -118,15 +119,22 @@ contains
     end do
   end subroutine make_parts
 
-  !> A weighted sum.
+  !> A weighted sum, or a product.
   recursive subroutine make_sum(d, r, h)
     type(deck), intent(in) :: d
     type(history_record), intent(in) :: r
     class(history_model), allocatable, intent(out) :: h
-    type(sum_model), allocatable :: total
+    class(sum_model), allocatable :: total
     integer :: k
-    allocate (total)
+    if (r%kind == 'sum') allocate (total)
+    if (r%kind == 'product') allocate (product_model :: total)
     call make_parts(d, r, total%parts)
+    if (r%kind == 'product') then
+      allocate (total%breaks(0))
+      do k = 1, size(total%parts)
+        if (allocated(total%parts(k)%item%breaks)) total%breaks = merged(total%breaks, total%parts(k)%item%breaks)
+      end do
+    end if
     do k = 1, size(total%parts)
       if (len(total%parts(k)%item%remedy) > 0) total%remedy = 'in "'//trim(total%parts(k)%item%name)//'" '// &
         total%parts(k)%item%remedy

@@ -4,11 +4,10 @@ module build_loads
   use build_law, only: law_of
   use build_profiles, only: make_pair
   use constraint, only: constraint_box
-  use deck_origin, only: origin
-  use deck_records, only: deck, force_record, spring_record, stop_record, transient_record
+  use build_factors, only: factor_list, of_time, require_continuous
+  use deck_records, only: column_record, deck, force_record, spring_record, stop_record, transient_record
   use errors, only: fault_list
   use force_element, only: force_model, stage_all, stage_static, stage_transient
-  use history, only: history_model
   use loads, only: load_model, body_force_model, central_torque_model, point_force_model, section_force_model, torque_model
   use scene_model, only: scene
   use stop_row, only: stop_row_model
@@ -22,28 +21,31 @@ module build_loads
 
 contains
 
-  !> Springs, loads, then stops, each of its kind; they have no markers yet.
-  subroutine make_forces(d, s, faults)
+  !> Springs, loads, stops, each of its kind, then what watches motions for loads; they have no markers yet.
+  subroutine make_forces(d, s, watched, faults)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
+    type(column_record), allocatable, intent(out) :: watched(:)   !! columns that the watches of factors watch
     type(fault_list), intent(inout) :: faults
+    type(factor_list) :: list
     integer, allocatable :: order(:)       ! stops first
     integer :: k, loads
     s%springs = size(d%springs)
     loads = s%springs + size(d%forces)
-    allocate (s%forces(loads + size(d%stops)))
-    do k = 1, size(s%forces)
+    s%acting = loads + size(d%stops)
+    allocate (s%forces(s%acting))
+    do k = 1, s%acting
       if (k <= s%springs) then
         call make_spring(d, d%springs(k), s%forces(k)%item, faults)
       else if (k <= loads) then
-        call make_load(d, d%forces(k - s%springs), s%forces(k)%item, faults)
+        call make_load(d, d%forces(k - s%springs), s%forces(k)%item, list, faults)
       else
         call make_stop(d, d%stops(k - loads), s%forces(k)%item, faults)
       end if
     end do
     s%stops = size(d%stops)
-    s%laws = any(d%springs%characteristic > 0) .or. any(d%forces%argument%sensor > 0)
-    order = [(k, k=loads + 1, size(s%forces)), (k, k=1, loads)]
+    call list%move(s, watched)
+    order = [(k, k=loads + 1, s%acting), (k, k=1, loads), (k, k=s%acting + 1, size(s%forces))]
     s%switching = pack(order, [(s%forces(order(k))%item%switches, k=1, size(order))])
     do k = 1, size(s%switching)
       s%forces(s%switching(k))%item%switch_number = k
@@ -71,7 +73,7 @@ contains
     do k = 1, size(d%stops)
       if (.not. d%stops(k)%rigid) cycle
       allocate (row)
-      i = size(s%forces) - size(d%stops) + k
+      i = s%acting - size(d%stops) + k
       associate (f => s%forces(i)%item)
         row%name = f%name
         row%switch_number = f%switch_number
@@ -134,10 +136,11 @@ contains
   end subroutine make_spring
 
   !> The factory of loads.
-  subroutine make_load(d, r, item, faults)
+  subroutine make_load(d, r, item, list, faults)
     type(deck), intent(in) :: d
     type(force_record), intent(in) :: r
     class(force_model), allocatable, intent(out) :: item
+    type(factor_list), intent(inout) :: list       !! of factors that follow motions
     type(fault_list), intent(inout) :: faults
     class(load_model), allocatable :: l
     select case (r%type)
@@ -156,10 +159,10 @@ contains
       end select
     end select
     l%name = r%name
-    if (r%history > 0) call make_history(d, r%history, l%history)
-    if (r%argument%sensor > 0 .and. r%history > 0) then
-      call l%watch_corners(order_of_events(d%transient))
-      call require_continuous(r%at, 'history', l%history, faults)
+    if (of_time(d, r)) then
+      call make_history(d, r%history, l%history)
+    else if (r%history > 0) then
+      call list%find(d, r, order_of_events(d%transient), l%motion_factor, faults)
     end if
     l%controller = r%controller
     l%stage = stage_all
@@ -167,17 +170,6 @@ contains
     if (r%stage == 'transient') l%stage = stage_transient
     call move_alloc(l, item)
   end subroutine make_load
-
-  !> A function of motion may not jump: a motion might rest where it does, and the force there would have no value.
-  subroutine require_continuous(at, variable, h, faults)
-    type(origin), intent(in) :: at
-    character(*), intent(in) :: variable
-    class(history_model), intent(in) :: h
-    type(fault_list), intent(inout) :: faults
-    if (h%lowest_order() > 0) return
-    call at%blame(faults, variable//'='//quoted(trim(h%name))//' jumps from one value to another, which a function of motion '// &
-      'may not, expected a steep rise instead (kind=''ramp'', ''cycloid'' or ''table'')')
-  end subroutine require_continuous
 
   !> The highest derivative of a function of motion whose jumps are events. With fixed steps those are events, too, that lower
   !> the order of the method: a jump of derivative k causes an error of order k + 1.

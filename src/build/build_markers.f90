@@ -133,7 +133,7 @@ contains
     integer, allocatable :: first(:), sorted(:)
     integer :: k
     allocate (acts(size(s%markers)), source=.false.)
-    do k = 1, size(s%forces)
+    do k = 1, s%acting
       acts([s%forces(k)%item%ia, s%forces(k)%item%ib]) = .true.
     end do
     associate (active => pack([(k, k=1, size(acts))], acts))

@@ -7,11 +7,12 @@ module build_scene
   use build_constraints, only: make_constraints, place_friction
   use build_controllers, only: make_controllers, place_controllers
   use build_loads, only: make_forces, place_stop_rows
-  use build_quantities, only: list_integrated, make_quantity
+  use build_factors, only: check_users, place_watches
+  use build_quantities, only: list_integrated
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use sorting, only: sort_by_number
-  use deck_records, only: deck
   use deck_temperature, only: material_name
+  use deck_records, only: column_record, deck
   use internal_variables, only: internal_state
   use number_range, only: check_laws, check_distances
   use repeating_histories, only: check_repeating
@@ -29,22 +30,25 @@ contains
     type(scene), intent(out) :: s
     type(fault_list), intent(inout) :: faults
     integer :: k
+    type(column_record), allocatable :: watched(:)   ! columns that the watches of factors watch
     s%title = d%scene%title
     s%materials = [(material_name(d, k), k=1, size(d%materials))]
     s%gravity = d%scene%gravity
     call check_laws(d, faults)
+    call check_users(d, faults)
     if (faults%count > 0) return
     call make_constraints(d, s, faults)
-    call make_forces(d, s, faults)
+    call make_forces(d, s, watched, faults)
     call make_controllers(d, s)
     call check_repeating(d, faults)
-    if (faults%count == 0) call place_elements(d, s, faults)
+    if (faults%count == 0) call place_elements(d, s, watched, faults)
   end subroutine build
 
   !> Bodies, which ask the elements on which of their coordinates they act; the elements on their markers; everything numbered.
-  subroutine place_elements(d, s, faults)
+  subroutine place_elements(d, s, watched, faults)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s              !! its elements are made
+    type(column_record), intent(in) :: watched(:)
     type(fault_list), intent(inout) :: faults
     type(acting_marker), allocatable :: acting(:, :)
     type(marker_table) :: markers
@@ -77,7 +81,7 @@ contains
     end do
     call place_friction(s)
     call list_integrated(d, s)
-    do k = 1, size(s%forces)
+    do k = 1, s%acting
       associate (f => s%forces(k)%item, pair => acting(:, s%permanent + k)%marker)
         moment_only = f%switches .and. .not. any(f%acts_on() .and. [.true., .true., .false., .true., .true., .false.])
         f%ia = find_marker(s, markers, pair(1), moment_only)
@@ -90,11 +94,7 @@ contains
       end associate
     end do
     call place_stop_rows(s)
-    do k = 1, size(d%forces)
-      associate (r => d%forces(k)%argument)
-        if (r%sensor > 0) call make_quantity(d, s, d%sensors(r%sensor), r%number, markers, s%forces(s%springs + k)%item%argument)
-      end associate
-    end do
+    call place_watches(d, s, watched, markers)
     call place_controllers(d, s, markers)
     s%markers = markers%items(1:markers%count)
     call check_distances(d, s, faults)

@@ -2,6 +2,7 @@
 !> that is sought.
 module repeating_histories
   use kinds, only: wp
+  use build_factors, only: times_of
   use build_history, only: make_history
   use deck_origin, only: origin
   use deck_records, only: deck
@@ -23,12 +24,16 @@ contains
     type(deck), intent(in) :: d
     type(fault_list), intent(inout) :: faults
     real(wp) :: samples                            ! [-]
-    integer :: k
+    integer, allocatable :: times(:)               ! numbers of histories of time
+    integer :: k, i
     if (.not. d%periodic%present) return
     do k = 1, size(d%forces)
       associate (f => d%forces(k))
-        if (f%history == 0 .or. f%argument%sensor > 0 .or. f%stage == 'static') cycle
-        call one_history(d, f%history, f%at, .false., faults)
+        if (f%stage == 'static') cycle
+        times = times_of(d, f)
+        do i = 1, size(times)
+          call one_history(d, times(i), f%at, .false., faults)
+        end do
       end associate
     end do
     do k = 1, size(d%drives)

@@ -11,6 +11,7 @@ module scene_model
   use controller, only: controller_model
   use force_element, only: force_box
   use friction_law, only: coulomb_law
+  use motion_factor, only: motion_factor_model
   implicit none (type, external)
   private
 
@@ -48,12 +49,14 @@ module scene_model
     type(coulomb_law), allocatable :: friction(:)   !! of joints; the constraints behind the permanent ones are their rows, in this
                                                     !! order, each of one row that may hold or not
     integer :: stop_rows = 0                    !! rows of rigid stops, the last constraints, of one row each
-    type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, then stops
+    type(force_box), allocatable :: forces(:)   !! springs in deck order, loads, stops, then watches, which do not act
     integer :: springs = 0                      !! number of springs among the force elements
     integer :: stops = 0                        !! number of stops
-    logical :: laws = .false.                   !! some force elements follow a motion by a history
+    integer :: acting = 0                       !! number of springs, loads and stops
+    integer :: choices = 0                      !! number of watches that are switches: their events are told
+    type(motion_factor_model), allocatable :: factors(:)   !! of loads, that follow motions which the watches watch
     type(controller_model), allocatable :: controllers(:)
-    integer, allocatable :: switching(:)        !! force elements with discrete states: stops, then functions of motion
+    integer, allocatable :: switching(:)        !! force elements with discrete states: stops, then functions of motion, switches
     integer :: elements = 0                     !! all elements that switch: these force elements, then the rows that switch
     type(loss_cause), allocatable :: losses(:)  !! terms of materials, then springs
     integer :: term_losses = 0                  !! number of terms of materials among the losses

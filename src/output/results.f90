@@ -98,7 +98,7 @@ contains
     logical, intent(in) :: with_motion
     integer, allocatable :: list(:)
     list = pack([history, energies, motion, events], &
-                [.true., .true., with_motion, m%s%stops > 0 .or. size(m%s%friction) > 0])
+                [.true., .true., with_motion, m%s%stops + m%s%choices + size(m%s%friction) > 0])
   end function files_of
 
   !> Opens the files of an interrupted run and cuts them to the length at its checkpoint, which `exchange` has restored.

@@ -260,7 +260,7 @@ contains
         if (c%ic > 0) call note(c%ic, what)
       end associate
     end do
-    do k = 1, size(m%s%forces)
+    do k = 1, m%s%acting
       associate (f => m%s%forces(k)%item)
         call note(f%ia, trim(f%group)//' "'//trim(f%name)//'"')
         if (f%ib /= f%ia) call note(f%ib, trim(f%group)//' "'//trim(f%name)//'"')

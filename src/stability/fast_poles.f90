@@ -125,24 +125,26 @@ contains
 
     !> Appends the motions that forces with an argument start, and those that they see: a fast loop moves in these.
     subroutine append_loops()
-      integer :: i, side
+      integer :: i, k, side
       do i = 1, size(m%s%forces)
-        if (.not. allocated(m%s%forces(i)%item%argument) .or. p + 2 > widest/2) cycle
-        mv = reshape([(0.0_wp, side=1, 2*m%s%nq)], [m%s%nq, 2])
-        v = mv
-        call argument_motions(m, ev, i, mv(:, 1), mv(:, 2))
-        do side = 1, 2
-          call solve_mass(m, ev, with_joints, mv(:, side), v(:, side))
-          length = sqrt(max(dot_product(v(:, side), mv(:, side)), 0.0_wp))
-          if (length > sqrt(tiny(1.0_wp))) then
-            v(:, side) = v(:, side)/length
-            mv(:, side) = mv(:, side)/length
-          else                                         ! joints or drives prevent it
-            v(:, side) = 0.0_wp
-            mv(:, side) = 0.0_wp
-          end if
+        do k = 1, m%s%forces(i)%item%motions
+          if (p + 2 > widest/2) return
+          mv = reshape([(0.0_wp, side=1, 2*m%s%nq)], [m%s%nq, 2])
+          v = mv
+          call argument_motions(m, ev, i, k, mv(:, 1), mv(:, 2))
+          do side = 1, 2
+            call solve_mass(m, ev, with_joints, mv(:, side), v(:, side))
+            length = sqrt(max(dot_product(v(:, side), mv(:, side)), 0.0_wp))
+            if (length > sqrt(tiny(1.0_wp))) then
+              v(:, side) = v(:, side)/length
+              mv(:, side) = mv(:, side)/length
+            else                                       ! joints or drives prevent it
+              v(:, side) = 0.0_wp
+              mv(:, side) = 0.0_wp
+            end if
+          end do
+          call append()
         end do
-        call append()
       end do
     end subroutine append_loops
 
@@ -202,15 +204,16 @@ contains
     type(evaluation), intent(in) :: ev
     type(reduced_model), intent(inout) :: model
     real(wp) :: k(size(model%basis, 1)), c(size(model%basis, 1))
-    integer :: i, j
+    integer :: i, l, j
     do i = 1, size(m%s%forces)
-      if (.not. allocated(m%s%forces(i)%item%argument)) cycle
-      do j = 1, model%p
-        k = 0.0_wp
-        c = 0.0_wp
-        call argument_pull(m, ev, i, model%basis(:, j), k, c)
-        model%k(:, j) = model%k(:, j) + matmul(k, model%basis)
-        model%c(:, j) = model%c(:, j) + matmul(c, model%basis)
+      do l = 1, m%s%forces(i)%item%motions
+        do j = 1, model%p
+          k = 0.0_wp
+          c = 0.0_wp
+          call argument_pull(m, ev, i, l, model%basis(:, j), k, c)
+          model%k(:, j) = model%k(:, j) + matmul(k, model%basis)
+          model%c(:, j) = model%c(:, j) + matmul(c, model%basis)
+        end do
       end do
     end do
   end subroutine close_loops

@@ -83,7 +83,7 @@ contains
     end do
     self%spring_damping = [(m%s%forces(k)%item%damping, k=1, size(m%s%forces))]
     self%damped = any(self%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)
-    self%loops = any([(allocated(m%s%forces(k)%item%argument), k=1, size(m%s%forces))])
+    self%loops = any([(m%s%forces(k)%item%motions > 0, k=1, size(m%s%forces))])
     allocate (self%ends(2, size(m%s%forces)), source=-1.0_wp)
     allocate (self%turning(size(m%s%bodies)), source=0.0_wp)
     most = min(n, most_vectors)

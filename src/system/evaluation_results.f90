@@ -53,6 +53,12 @@ module evaluation_results
     logical :: shared = .false.                 !! rows that hold depend on one another: how they share a load is not determined
   end type switch_states
 
+  !> A factor of loads that follows motions.
+  type, public :: factor_results
+    real(wp) :: value = 0.0_wp                  !! [-]
+    real(wp), allocatable :: slopes(:)          !! by its arguments [1/m], [1/rad] or times seconds
+  end type factor_results
+
   !> What a controller does.
   type, public :: control_results
     integer :: state = unset                    !! discrete state; of a sampled one the number of the next sample
@@ -93,6 +99,8 @@ module evaluation_results
     real(wp), allocatable :: wrench(:, :)       !! (3, markers) of force elements, body axes [N, N, N m]
     type(element_action), allocatable :: action(:)   !! what each force element does
     type(control_results), allocatable :: control(:)   !! what each controller does
+    type(factor_results), allocatable :: factor(:)
+    real(wp), allocatable :: signals(:, :)      !! (0:1, watches) value and slope of what each of them watches [any]
     type(slip_work) :: slip
     type(switch_states) :: switches             !! discrete states of the force elements that have such
     real(wp) :: creep = 0.0_wp                  !! added to the compliance of rows that stick, relative, while states are sought [-]
@@ -163,11 +171,12 @@ contains
   end function slip_power
 
   !> Values on which force element k may depend beside the motion of its markers, in the last evaluation.
-  pure type(conditions) function conditions_of(m, ev, k) result(with)
+  pure type(conditions) function conditions_of(m, ev, k, argument) result(with)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k
-    integer :: b, i
+    integer, intent(in), optional :: argument   !! the one by which slopes are asked for; without it the first
+    integer :: b, i, j
     associate (options => ev%options)
       with = conditions(ev%t, options%left_limit, options%stage, options%load_factor, options%prestress)
     end associate
@@ -177,6 +186,13 @@ contains
     if (i > 0) then
       with%signal = ev%control(i)%output
       if (with%stage /= stage_static) with%slopes = m%s%controllers(i)%slopes(ev%control(i)%limited)
+    end if
+    i = m%s%forces(k)%item%motion_factor
+    if (i > 0) then
+      j = 1
+      if (present(argument)) j = argument
+      with%signal = ev%factor(i)%value
+      if (j <= size(ev%factor(i)%slopes)) with%slopes(1) = ev%factor(i)%slopes(j)
     end if
     i = m%s%forces(k)%item%switch_number
     if (i == 0) return

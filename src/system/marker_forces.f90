@@ -4,7 +4,7 @@ module marker_forces
   use kinds, only: wp
   use controls, only: put_out
   use evaluation_settings, only: evaluation_options
-  use force_element, only: conditions, element_action, idle
+  use force_element, only: by_position, conditions, element_action, idle
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -26,10 +26,12 @@ contains
       ev%wrench(:, self%s%loaded(k)) = 0.0_wp
     end do
     if (size(self%s%controllers) > 0) call put_out(self, ev, options, t, z)
+    if (size(self%s%factors) > 0) call find_factors(self, ev, options, t)
     with = conditions(t, options%left_limit, options%stage, options%load_factor, options%prestress)
-    do k = 1, size(self%s%forces)
+    do k = 1, self%s%acting
       associate (f => self%s%forces(k)%item, x => ev%action(k))
         if (f%controller > 0) with%signal = ev%control(f%controller)%output
+        if (f%motion_factor > 0) with%signal = ev%factor(f%motion_factor)%value
         if (f%switch_number > 0) then
           with%state = ev%switches%state(f%switch_number)
           with%event_value = ev%switches%event_value(f%switch_number)
@@ -48,6 +50,31 @@ contains
       end associate
     end do
   end subroutine applied_forces
+
+  !> Factors of loads that follow motions, from what the watches see.
+  subroutine find_factors(self, ev, options, t)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(inout) :: ev
+    type(evaluation_options), intent(in) :: options
+    real(wp), intent(in) :: t               !! [s]
+    type(conditions) :: with
+    integer :: k
+    with = conditions(t, options%left_limit, options%stage, options%load_factor)
+    do k = 1, size(ev%signals, 2)
+      associate (f => self%s%forces(self%s%acting + k)%item)
+        with%state = by_position
+        if (f%switch_number > 0) then
+          with%state = ev%switches%state(f%switch_number)
+          with%event_value = ev%switches%event_value(f%switch_number)
+        end if
+        call f%signal(ev%p, with, ev%signals(:, k))
+      end associate
+    end do
+    do k = 1, size(ev%factor)
+      call self%s%factors(k)%evaluate(t, options%left_limit, ev%signals, .not. options%load_factor > 0.0_wp, &
+                                      ev%factor(k)%value, ev%factor(k)%slopes)
+    end do
+  end subroutine find_factors
 
   !> Adds a force (global axes) and a moment to a marker.
   pure subroutine add_wrench(self, ev, k, w)

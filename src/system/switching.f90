@@ -121,7 +121,7 @@ contains
     end associate
     ev%switches%state(i) = event%to
     ev%switches%event_value(i) = event%event_value
-    if (i <= m%s%stops) call list%add(event)   ! a corner of a function of motion is not reported
+    if (i <= m%s%stops .or. event%to /= event%from) call list%add(event)   ! a corner of a history is not reported
   end subroutine switch_one
 
   !> Whether an element is a rigid stop, which `impacts` passes.

@@ -230,8 +230,12 @@ CORNERS = """&body name='arm' mass=1.0 inertia=0.1 angular_velocity=1.0 /
 &history name='turn' kind='polynomial' coefficients=0.0,1.0 /
 &drive name='d' body_a='disc' history='turn' /
 &sensor name='b' quantity='angle' body='disc' /
-&history name='cam' kind='table' interpolation='linear' time=-1.0,0.1,0.15,0.3,0.38,2.0 value=0.0,0.0,2.0,-1.0,1.0,1.0 /
-&force name='l' type='torque' body='arm' moment=1.0 history='cam' argument='b' /
+&history name='cam' kind='table' interpolation='linear' time=-1.0,0.1,0.15,0.3,0.38,2.0 value=0.0,0.0,2.0,-1.0,1.0,1.0
+  argument='b' /
+&history name='to' kind='product' histories='r','cam' /
+&history name='fro' kind='sum' histories='cam','r' factors=0.5,0.2 /
+&history name='way' kind='switch' argument='v' histories='to','fro' level=0.1 /
+&force name='l' type='torque' body='arm' moment=1.0 history='way' /
 &sensor name='w' quantity='work' force='l' /
 &sensor name='e' quantity='energy' body='arm' /
 &body name='ball' mass=1.0 inertia=0.1 velocity=1.0,0.0 /

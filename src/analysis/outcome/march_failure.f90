@@ -7,6 +7,7 @@ module march_failure
   use assembly_reports, only: too_uneven, weakest_constraint, weakest_text
   use contact_mass, only: drives_against, mass_at
   use evaluation_results, only: evaluation
+  use motion_watch, only: switch_watch
   use projection, only: open_constraints
   use root_watch, only: most_roots
   use scene_run, only: run_state
@@ -87,8 +88,13 @@ contains
         text = text//advice('try a smaller step', 'try a larger tolerance', run)
       end if
     case (trouble_events)
+      b = choice_to_and_fro(run, march%roots%fallen)
       if (run%sys%conflict > 0) then
         text = rigid_conflict(run, march%t)
+      else if (b > 0) then
+        text = 'history "'//element_name(run%sys%m, b)//'" switches to and fro without end at t = '//number(march%t)// &
+               ' s: what each of its histories does drives its column back to the level. Expected friction of a joint, which '// &
+               'holds what it brakes, or in place of the switch a table over the column that rises steeply there'
       else
         text = 'events follow one another without end at t = '//number(march%t)//' s, in'// &
                last_elements(run, march%roots%fallen)//': more than 1000 in a millionth of the run; their limits may '// &
@@ -201,6 +207,19 @@ contains
     if (len(drives) > 0) text = text//': it is moved by drive'//drives
     text = text//'; give the stop a stiffness, or check drives and limits'
   end function rigid_conflict
+
+  !> The switch of a load's factor that fell at the last event, its number among the elements that switch; 0: none did.
+  pure integer function choice_to_and_fro(run, fallen) result(i)
+    type(run_state), intent(in) :: run
+    logical, intent(in) :: fallen(:)           !! (roots) those of the last event
+    do i = size(run%sys%m%s%switching), 1, -1
+      if (.not. any(fallen(most_roots*(i - 1) + 1:most_roots*i))) cycle
+      select type (f => run%sys%m%s%forces(run%sys%m%s%switching(i))%item)
+      class is (switch_watch)
+        return
+      end select
+    end do
+  end function choice_to_and_fro
 
   !> The elements and controllers of the last events, also of those that changed no state, as part of a sentence.
   function last_elements(run, fallen) result(text)

@@ -77,6 +77,9 @@ contains
     do k = 1, size(s%forces)
       list = merged(list, s%forces(k)%item%breakpoints(r%t_end))
     end do
+    do k = 1, size(s%factors)
+      list = merged(list, s%factors(k)%breakpoints(r%t_end))
+    end do
     do k = 1, size(s%constraints)
       list = merged(list, s%constraints(k)%item%breakpoints(r%t_end))
     end do

@@ -40,6 +40,7 @@ contains
     bodies = self
     deallocate (bodies%s%forces)
     allocate (bodies%s%forces(0))
+    bodies%s%acting = 0
     rest = 0.0_wp
     no_force = 0.0_wp
     do pass = 0, most_newton

@@ -29,6 +29,8 @@ contains
     call take(deck, h)
     call deck%check_order('start', h%start, 'finish', h%finish)
     if (deck%is_choice('table')) call check_table()
+    if (deck%is_choice('switch') .and. deck%is_set('histories') .and. size(h%parts) /= 2) call deck%complain('histories', &
+      'a switch chooses one of '//to_text(size(h%parts))//' histories, expected two: from its level on, and below it')
     call same_length(deck, 'histories', size(h%parts), 'factors', size(h%factors))
     call same_length(deck, 'histories', size(h%parts), 'durations', size(h%durations))
     if (.not. deck%is_given('factors')) h%factors = spread(1.0_wp, 1, size(h%parts))
@@ -124,7 +126,7 @@ contains
     call deck%complain('file', 'file='//quoted(printable(written, 80))//problem)
   end subroutine read_table_file
 
-  !> Reports sums and sequences that contain themselves or too many others, and periods that are too short.
+  !> Reports sums, products, switches and sequences that contain themselves or too many others, and periods that are too short.
   subroutine check_histories(deck, list, t_end)
     class(deck_source), intent(inout) :: deck
     type(history_record), intent(in) :: list(:)

@@ -299,11 +299,14 @@ contains
       end do
     end subroutine check_reduction
 
-    !> Columns of sensors that forces follow.
+    !> Columns of sensors that forces and histories follow.
     subroutine find_arguments()
       integer :: k
       do k = 1, size(d%forces)
         call find_column(d, d%forces(k)%at, 'argument', d%forces(k)%argument, source%faults)
+      end do
+      do k = 1, size(d%histories)
+        call find_column(d, d%histories(k)%at, 'argument', d%histories(k)%argument, source%faults)
       end do
     end subroutine find_arguments
 

@@ -6,7 +6,7 @@ module force_element
   use history, only: breakpoint
   use internal_variables, only: internal_state
   use marker, only: marker_states
-  use measure, only: listed, measure_model, measured
+  use measure, only: listed, measure_box, measure_model, measured
   use root_watch, only: by_position, most_roots, root_rounding, watched_roots
   use small_matrices, only: outer
   implicit none (type, external)
@@ -25,8 +25,8 @@ module force_element
     integer :: stage = stage_transient    !! the analysis: stage_static, stage_transient or stage_linear
     real(wp) :: load_factor = 1.0_wp      !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp        !! fraction of the springs' prestress that acts [-]
-    real(wp) :: signal = 1.0_wp           !! output of the controller that it obeys [-]
-    real(wp) :: slopes(2) = 0.0_wp        !! its derivatives by what it senses and by the rate of that, its states fixed [-]
+    real(wp) :: signal = 1.0_wp           !! output of the controller that it obeys, or its factor [-]
+    real(wp) :: slopes(2) = 0.0_wp        !! its derivatives by one of its arguments and by the rate of that [-]
     real(wp) :: axes(2) = [1.0_wp, 0.0_wp]   !! cosine and sine of the frame angle of marker a's body [-]
     integer :: state = by_position        !! discrete state of an element that switches
     real(wp) :: event_value = 0.0_wp      !! what it keeps from its last event: a stop the speed at touching [m/s] or [rad/s]
@@ -52,12 +52,14 @@ module force_element
     real(wp) :: stiffness = 0.0_wp        !! static, of its deformation; at most, if it varies [N/m] or [N m/rad]
     real(wp) :: damping = 0.0_wp          !! of the deformation's rate; at most, if it varies [N s/m] or [N m s/rad]
     integer :: controller = 0             !! number of the controller whose output scales its force, 0: none
+    integer :: motion_factor = 0          !! number of the factor that scales it and follows motions, 0: none
     real(wp) :: size = 1.0_wp             !! the scene's size: what lengths are small against [m]
     logical :: switches = .false.         !! it has discrete states, between which events lead
     integer :: switch_number = 0          !! its number among the elements that switch
     integer :: row = 0                    !! its own constraint row; 0: it has none
     class(measure_model), allocatable :: measure  !! its deformation, or what a stop limits; loads have none
-    class(measure_model), allocatable :: argument  !! motion that its force follows beside that of its markers; none: not allocated
+    integer :: motions = 0                !! number of motions that its force follows beside those of its markers
+    type(measure_box), allocatable :: arguments(:) !! these motions
   contains
     procedure :: product => elastic_product
     procedure(state_to_action), deferred :: act
@@ -65,8 +67,9 @@ module force_element
     procedure :: tangent => no_tangent
     procedure :: components => acting_components  !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
     procedure :: rate_components => damped_components !! of them, those whose rates it sees
-    procedure :: slope => no_slope                !! derivative of the wrenches by the argument
-    procedure :: argument_tangent                 !! the tangent by the motion of the argument's markers
+    procedure :: slope => no_slope                !! derivative of the wrenches by an argument
+    procedure :: argument_tangent                 !! the tangent by the motion of an argument's markers
+    procedure :: signal => no_signal              !! what an element that only watches gives to factors
     procedure :: unit_wrench => no_wrench         !! wrench on a for a unit of the history that scales it
     procedure :: deformation
     procedure :: tangent_along
@@ -173,21 +176,31 @@ contains
   end function no_slope
 
   !> Minus the derivatives of the wrenches on a and b (rows) by the places and rates of the argument's markers (columns).
-  pure subroutine argument_tangent(self, p, with, k)
+  pure subroutine argument_tangent(self, p, with, j, k)
     class(force_model), intent(in) :: self
     type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
+    type(conditions), intent(in) :: with    !! with the slopes by this argument
+    integer, intent(in) :: j                !! which argument
     type(marker_stiffness), intent(inout) :: k
     type(conditions) :: by_rate_of          ! by the rate of the argument
     real(wp) :: by_place(6), by_rate(6)     ! [-], [m], [1/s]
-    call self%argument%gradient(p, by_place, by_rate)
+    call self%arguments(j)%item%gradient(p, by_place, by_rate)
     k%k = -outer(self%slope(p, with), by_place)
     k%c = -outer(self%slope(p, with), by_rate)
-    if (self%controller == 0 .or. .not. abs(with%slopes(2)) > 0.0_wp) return
+    if (.not. abs(with%slopes(2)) > 0.0_wp) return
     by_rate_of = with
     by_rate_of%slopes(1) = with%slopes(2)
     k%c = k%c - outer(self%slope(p, by_rate_of), by_place)
   end subroutine argument_tangent
+
+  !> Most elements act.
+  pure subroutine no_signal(self, p, with, h)
+    class(force_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp), intent(out) :: h(0:1)         !! value and its slope by what is watched [any]
+    h = 0.0_wp
+  end subroutine no_signal
 
   !> Most elements do not follow a history.
   pure function no_wrench(self, p, with) result(w)

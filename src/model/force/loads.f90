@@ -1,17 +1,17 @@
-!> Loads: a wrench on one marker, scaled by a history, of time or of a motion, and by the part of the loads that acts. Each kind
-!> says the wrench of a unit factor and its tangent.
+!> Loads: a wrench on one marker, scaled by a history of time, a factor that follows motions or a controller, and by the part of the
+!> loads that acts. Each kind says the wrench of a unit factor and its tangent.
 module loads
   use kinds, only: wp
   use constraint, only: marker_stiffness
-  use force_element, only: conditions, element_action, stage_all, stage_transient
-  use history, only: breakpoint
+  use force_element, only: conditions, element_action, force_model, stage_all, stage_transient
+  use history, only: breakpoint, history_model
   use marker, only: marker_states, turn
-  use piecewise_force, only: piecewise_model
   implicit none (type, external)
   private
 
   !> A load.
-  type, abstract, extends(piecewise_model), public :: load_model
+  type, abstract, extends(force_model), public :: load_model
+    class(history_model), allocatable :: history   !! of time; not allocated: none
     integer :: stage = stage_all                  !! the analyses in which it acts
   contains
     procedure :: act => load_act
@@ -72,48 +72,37 @@ contains
     class(load_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
-    real(wp) :: h(-1:2), f(0:2), x, rate, rounding
+    real(wp) :: h(-1:2)                    ! [any]
     s = 0.0_wp
     if (self%stage /= stage_all .and. self%stage /= with%stage) return
     s = with%load_factor
-    if (self%controller > 0) s = with%signal*with%load_factor
+    if (self%controller + self%motion_factor > 0) s = with%signal*with%load_factor
     if (.not. allocated(self%history)) return
-    if (allocated(self%argument)) then
-      call self%followed(p, with%stage, x, rate, rounding)
-      f = self%history_value(with, x)
-      s = f(0)*with%load_factor
-    else
-      call self%history%evaluate(with%t, with%left_limit, h)
-      s = h(0)*with%load_factor
-    end if
+    call self%history%evaluate(with%t, with%left_limit, h)
+    s = h(0)*with%load_factor
   end function present_factor
 
-  !> How the wrench grows with the argument; where no load acts and the question is what holds at all, at most.
+  !> How the wrench grows with an argument; where no load acts and the question is what holds at all, that of a unit load factor.
   pure function load_slope(self, p, with) result(w)
     class(load_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: w(6)                       !! [N, N m] over the argument's unit
-    real(wp) :: h(0:2), x, rate, rounding
     w = 0.0_wp
     if (self%stage /= stage_all .and. self%stage /= with%stage) return
-    if (self%controller > 0) then
-      w(1:3) = with%load_factor*with%slopes(1)*self%unit_wrench(p, with)
-    else if (with%load_factor > 0.0_wp) then
-      call self%followed(p, with%stage, x, rate, rounding)
-      h = self%history_value(with, x)
-      w(1:3) = with%load_factor*h(1)*self%unit_wrench(p, with)
-    else
-      w(1:3) = -self%history%steepest()*self%unit_wrench(p, with)
-    end if
+    w(1:3) = with%slopes(1)*self%unit_wrench(p, with)
+    if (self%controller > 0 .or. with%load_factor > 0.0_wp) w = with%load_factor*w
   end function load_slope
 
-  !> The free length of a spring whose deformation it follows.
+  !> The free lengths of springs whose deformations it follows.
   subroutine load_settle(self, p, gap)
     class(load_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
-    if (allocated(self%argument)) call self%argument%init_from_assembly(p, gap)
+    integer :: k
+    do k = 1, self%motions
+      call self%arguments(k)%item%init_from_assembly(p, gap)
+    end do
   end subroutine load_settle
 
   !> The wrench and the power that it puts in.
@@ -163,7 +152,7 @@ contains
     real(wp), intent(in) :: until          !! end of the run [s]
     type(breakpoint), allocatable :: list(:)
     allocate (list(0))
-    if (.not. allocated(self%history) .or. allocated(self%argument)) return
+    if (.not. allocated(self%history)) return
     if (any(self%stage == [stage_all, stage_transient])) list = self%history%breakpoints(until)
   end function load_breakpoints
 

@@ -1,6 +1,6 @@
-!> Force elements whose size is a history, of time or of a motion: the argument that the deck names, or a spring's deformation. As a
-!> function of motion it goes by pieces (`history_pieces`), and that the motion leaves a piece is an event. What the element keeps
-!> from its last event is a point of the present piece.
+!> Elements with a history of a motion, their measure: springs by their deformation, and what watches a motion for the factors of
+!> loads. The history goes by pieces (`history_pieces`), and that the motion leaves a piece is an event. What the element keeps from
+!> its last event is a point of the present piece.
 module piecewise_force
   use kinds, only: wp
   use force_element, only: by_position, bilateral, conditions, force_model, root_rounding, stage_static, watched_roots
@@ -10,6 +10,8 @@ module piecewise_force
   use measure, only: measure_model, measured
   implicit none (type, external)
   private
+
+  public :: follow
 
   integer, parameter :: on_a_piece = 1     !! its one discrete state
 
@@ -34,14 +36,10 @@ contains
     real(wp), intent(out) :: x             !! [any]
     real(wp), intent(out) :: rate          !! huge: not known [any/s]
     real(wp), intent(out) :: rounding      !! [any]
-    if (allocated(self%argument)) then
-      call follow(self%argument, self%size, p, stage, x, rate, rounding)
-    else
-      call follow(self%measure, self%size, p, stage, x, rate, rounding)
-    end if
+    call follow(self%measure, self%size, p, stage, x, rate, rounding)
   end subroutine followed
 
-  !> The same of one measure.
+  !> The same of any measure.
   pure subroutine follow(m, size, p, stage, x, rate, rounding)
     class(measure_model), intent(in) :: m
     real(wp), intent(in) :: size           !! the scene's size [m]

@@ -5,7 +5,7 @@ module history
   use step_counts, only: rounding_of
   implicit none (type, external)
   private
-  public :: history_model, history_box, breakpoint, drive_values, evaluate_shifted, reached, merged, breakpoint_order
+  public :: history_model, history_box, breakpoint, drive_values, evaluate_shifted, reached, merged, breakpoint_order, steepest
 
   real(wp), parameter :: negligible = 1.0e-6_wp   !! a jump smaller than this share of the history's size is rounding [-]
 

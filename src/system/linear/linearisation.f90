@@ -144,7 +144,7 @@ contains
     type(linear_mechanism), intent(inout) :: lin
     type(marker_stiffness) :: t
     type(triplet_matrix) :: unused
-    integer :: k, segment
+    integer :: k, j, segment
     do k = 1, size(m%s%constraints)
       associate (c => m%s%constraints(k)%item)
         t%ia = c%ia
@@ -161,12 +161,14 @@ contains
         t%ib = f%ib
         call f%tangent(ev%p, with, [1.0_wp, 1.0_wp], action(k)%force, t)
         call add_pair(m, ev, t, [t%ia, t%ib], v, lin%stiffness, lin%damping, lin%stiffness)
-        if (allocated(f%argument) .and. f%controller == 0) then    ! loops of controllers are closed by `closed_loops`
-          call f%argument_tangent(ev%p, with, t)
-          call add_pair(m, ev, t, [f%argument%ia, f%argument%ib], v, lin%stiffness, lin%damping, lin%stiffness)
-          t%k = 0.0_wp
-          call add_pair(m, ev, t, [f%argument%ia, f%argument%ib], v, unused, lin%loops, unused)
-        end if
+        do j = 1, merge(f%motions, 0, f%controller == 0)    ! loops of controllers are closed by `closed_loops`
+          associate (by => [f%arguments(j)%item%ia, f%arguments(j)%item%ib])
+            call f%argument_tangent(ev%p, conditions_of(m, ev, k, j), j, t)
+            call add_pair(m, ev, t, by, v, lin%stiffness, lin%damping, lin%stiffness)
+            t%k = 0.0_wp
+            call add_pair(m, ev, t, by, v, unused, lin%loops, unused)
+          end associate
+        end do
         if (f%law%order() == 0) cycle
         segment = segment + 1
         call f%tangent(ev%p, with, [1.0_wp, 0.0_wp], 0.0_wp, t)

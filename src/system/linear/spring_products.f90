@@ -52,18 +52,19 @@ contains
     if (any(abs(b) > 0.0_wp)) call add_force(m, ev, m%s%forces(k)%item%ib, -stiffness*b, y)
   end subroutine spring_pull
 
-  !> Adds the forces with which an element that follows a quantity answers small motions and their rates.
-  pure subroutine argument_pull(m, ev, k, x, stiffness, damping)
+  !> Adds the forces with which an element that follows a motion answers small ones and their rates.
+  pure subroutine argument_pull(m, ev, k, j, x, stiffness, damping)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    integer, intent(in) :: k                   !! force element with an argument
+    integer, intent(in) :: k                   !! force element with arguments
+    integer, intent(in) :: j                   !! which one
     real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad], or their rates
     real(wp), intent(inout) :: stiffness(:), damping(:)   !! (n) forces [N], [N m]
     type(marker_stiffness) :: t
     real(wp) :: u(6), w(6)
     associate (f => m%s%forces(k)%item)
-      call f%argument_tangent(ev%p, conditions_of(m, ev, k), t)
-      u = [marker_displacement(m, ev, f%argument%ia, x), marker_displacement(m, ev, f%argument%ib, x)]
+      call f%argument_tangent(ev%p, conditions_of(m, ev, k, j), j, t)
+      u = [marker_displacement(m, ev, f%arguments(j)%item%ia, x), marker_displacement(m, ev, f%arguments(j)%item%ib, x)]
       w = matmul(t%k, u)
       call add_force(m, ev, f%ia, w(1:3), stiffness)
       w = matmul(t%c, u)
@@ -72,21 +73,22 @@ contains
   end subroutine argument_pull
 
   !> Generalised directions in which such a force acts, and of the motion that it follows.
-  pure subroutine argument_motions(m, ev, k, acts, sees)
+  pure subroutine argument_motions(m, ev, k, j, acts, sees)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    integer, intent(in) :: k                   !! force element with an argument
+    integer, intent(in) :: k                   !! force element with arguments
+    integer, intent(in) :: j                   !! which one
     real(wp), intent(out) :: acts(:), sees(:)  !! (n) [N], [N m]
     real(wp) :: w(6), by_place(6), by_rate(6)
     acts = 0.0_wp
     sees = 0.0_wp
-    associate (f => m%s%forces(k)%item)
-      w = f%slope(ev%p, conditions_of(m, ev, k))
-      call f%argument%gradient(ev%p, by_place, by_rate)
-      if (f%argument%rate) by_place = by_rate
+    associate (f => m%s%forces(k)%item, by => m%s%forces(k)%item%arguments(j)%item)
+      w = f%slope(ev%p, conditions_of(m, ev, k, j))
+      call by%gradient(ev%p, by_place, by_rate)
+      if (by%rate) by_place = by_rate
       call add_force(m, ev, f%ia, w(1:3), acts)
-      call add_force(m, ev, f%argument%ia, by_place(1:3), sees)
-      call add_force(m, ev, f%argument%ib, by_place(4:6), sees)
+      call add_force(m, ev, by%ia, by_place(1:3), sees)
+      call add_force(m, ev, by%ib, by_place(4:6), sees)
     end associate
   end subroutine argument_motions
 

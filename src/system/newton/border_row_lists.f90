@@ -19,6 +19,7 @@ module border_row_lists
   type :: coupling
     integer :: kind = 0                      !! from_joint, from_element, from_argument
     integer :: item = 0                      !! its number
+    integer :: argument = 0                  !! which of the element's
     integer :: n = 0                         !! displacement rows on which forces act
     integer :: row(6) = 0                    !! their numbers among all rows
     integer :: slot(6) = 0                   !! marker component 1 to 6 (a then b) of each
@@ -71,8 +72,8 @@ contains
     type(coupling), allocatable :: all(:)
     integer, allocatable :: components(:)
     integer, allocatable :: displacement(:, :)       !! (5, markers) row of each component that has one
-    integer :: k, n
-    allocate (all(size(m%s%constraints) + 2*size(m%s%forces)))
+    integer :: k, j, n
+    allocate (all(size(m%s%constraints) + sum([(1 + m%s%forces(k)%item%motions, k=1, size(m%s%forces))])))
     allocate (displacement(5, size(m%s%markers)), source=0)
     n = 0
     do k = 1, size(m%s%constraints)
@@ -90,11 +91,13 @@ contains
           call add_law(from_element, k, [f%ia, f%ib], f%components(), [f%ia, f%ib], f%components())
           call add_rates(all(n), [f%ia, f%ib], f%rate_components())
         end if
-        if (.not. allocated(f%argument)) cycle
-        associate (x => f%argument)
-          call add_law(from_argument, k, [f%ia, f%ib], listed(f%acts_on()), [x%ia, x%ib], listed(x%acts_on()))
-          if (x%rate) call add_rates(all(n), [x%ia, x%ib], listed(x%acts_on()))
-        end associate
+        do j = 1, f%motions
+          associate (x => f%arguments(j)%item)
+            call add_law(from_argument, k, [f%ia, f%ib], listed(f%acts_on()), [x%ia, x%ib], listed(x%acts_on()))
+            all(n)%argument = j
+            if (x%rate) call add_rates(all(n), [x%ia, x%ib], listed(x%acts_on()))
+          end associate
+        end do
       end associate
     end do
     r%laws = all(1:n)

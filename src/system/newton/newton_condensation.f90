@@ -99,11 +99,11 @@ contains
             if (r%laws(k)%kind == from_argument .and. f%controller > 0) then
               with = conditions_of(m, ev, i)
               with%slopes = [1.0_wp, 0.0_wp]
-              call f%argument_tangent(ev%p, with, p)
+              call f%argument_tangent(ev%p, with, 1, p)
               r%k(:, :, k) = self%element_factor(i)*(p%k + self%c2*p%c)   ! of its controller
               cycle
             else if (r%laws(k)%kind == from_argument) then
-              call f%argument_tangent(ev%p, conditions_of(m, ev, i), p)
+              call f%argument_tangent(ev%p, conditions_of(m, ev, i, r%laws(k)%argument), r%laws(k)%argument, p)
             else
               call f%tangent(ev%p, conditions_of(m, ev, i), [1.0_wp, 1.0_wp], ev%action(i)%force, p)
             end if

@@ -74,7 +74,11 @@ contains
     allocate (ev%displacement(3, size(m%s%markers)), source=0.0_wp)
     allocate (ev%wrench(3, size(m%s%markers)), ev%lambda(m%s%rows), ev%lambda_change(m%s%rows), ev%a(m%s%nq), &
               ev%change(m%s%nq), ev%zdd(m%s%nz), source=0.0_wp)
-    allocate (ev%control(size(m%s%controllers)))
+    allocate (ev%control(size(m%s%controllers)), ev%factor(size(m%s%factors)))
+    allocate (ev%signals(0:1, size(m%s%forces) - m%s%acting), source=0.0_wp)
+    do k = 1, size(ev%factor)
+      allocate (ev%factor(k)%slopes(size(m%s%factors(k)%arguments)), source=0.0_wp)
+    end do
     allocate (ev%loss(m%s%term_losses), source=0.0_wp)
     allocate (ev%switches%state(m%s%elements), source=by_position)
     allocate (ev%switches%event_value(m%s%elements), source=0.0_wp)
