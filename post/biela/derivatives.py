@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .design_runs import Design, DesignRuns
-from .design_space import Space
+from .design_runs import Design, DesignRuns, Space
 from .sweep_study import Study
 
 FIVE = {"both sides": (-2.0, -1.0, 1.0, 2.0), "above": (1.0, 2.0, 3.0, 4.0), "below": (-1.0, -2.0, -3.0, -4.0)}

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .derivatives import matched
-from .design_runs import Design, DesignRuns, RunsOverError
-from .design_space import Space
+from .design_runs import Design, DesignRuns, RunsOverError, Space
 from .sweep_scalars import EXTREMES, LARGEST
 from .sweep_study import Study
 

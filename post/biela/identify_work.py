@@ -12,8 +12,7 @@ import numpy as np
 
 from .command import options_of
 from .deck import flat_text
-from .design_runs import Design, DesignRuns, RunsOverError
-from .design_space import Space
+from .design_runs import Design, DesignRuns, RunsOverError, Space
 from .figures import Tabular
 from .result_files import HistoryError, remove_noted
 from .sweep_run import settings_of

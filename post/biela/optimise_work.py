@@ -13,9 +13,8 @@ import numpy as np
 from .command import options_of
 from .deck import flat_text
 from .derivatives import derivatives
-from .design_runs import Design, DesignRuns, RunsOverError
+from .design_runs import Design, DesignRuns, RunsOverError, Space
 from .design_search import Goal, Limit, Search, scales_of, search_all, several_of
-from .design_space import Space
 from .optimum import ACTIVE, Optimum, position_of
 from .result_files import HistoryError, remove_noted, writing
 from .sweep_run import settings_of
@@ -291,8 +290,8 @@ def work(args: argparse.Namespace) -> int:
     print("\n".join(found.report))
     print(f"history, optimum: {found.folder}/history.csv, optimum.json, optimum.nml")
     if not args.no_pictures and found.best:
-        from . import optimise_picture
+        from .sweep_picture import draw_search
 
-        for path in optimise_picture.draw(found):
+        for path in draw_search(found):
             print(f"picture: {path}")
     return int(not found.feasible)

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from .derivatives import Derivatives
-from .design_runs import Design
+from .design_runs import Design, Space
 from .design_search import SAME, Goal, Search
-from .design_space import Space
 from .figures import Figures, Tabular
 from .sweep_study import Study
 

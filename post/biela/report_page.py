@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from . import draw as scene_picture
-from . import engineering, loss_picture, mode_pictures, plot
+from . import engineering, mode_pictures, plot
 from .animate import sheet
 from .deck import Deck, groups_of
 from .histories import History, read, read_summary
@@ -316,7 +316,7 @@ def energy(run: Run) -> Part | None:
     if table is None:
         return None
     shown = [name for name in table.names[1:] if np.any(table[name])]
-    lost = loss_picture.draw(table, run.figures.get("transient", {}))
+    lost = engineering.loss_picture(table, run.figures.get("transient", {}))
     pictures = [embed(lost, f"{run.label}: energy lost over time, and by what")] if lost else []
     named = f"{run.label}: energies, their residual, openings of joints"
     return Part(pictures=pictures + column_pictures([table], [run.label], shown, named))

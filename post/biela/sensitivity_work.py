@@ -12,8 +12,7 @@ import numpy as np
 from .command import finite, options_of
 from .deck import Deck
 from .derivatives import HEADER, derivatives, rows_of
-from .design_runs import Design, DesignRuns, RunsOverError
-from .design_space import Space
+from .design_runs import Design, DesignRuns, RunsOverError, Space
 from .figures import Tabular
 from .result_files import BielaError, HistoryError, remove_noted
 from .sweep_study import Study, StudyOptions
@@ -103,9 +102,9 @@ class Sensitivity(Tabular):
 
     def picture(self) -> plt.Figure:
         """Draw the changes by the spread of each parameter (a tornado)."""
-        from . import optimise_picture
+        from .sweep_picture import tornado
 
-        return optimise_picture.tornado(self.study, self.space, self.rows, self.units, _shown(self.base, 4))
+        return tornado(self.study, self.space, self.rows, self.units, _shown(self.base, 4))
 
 
 def sensitivity(options: StudyOptions) -> Sensitivity:

@@ -6,23 +6,62 @@ handing over one run at a time would cost more than the run.
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import math
 import multiprocessing
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from . import solver_start
 from .command import call_solver
 from .deck import Deck, including, literal, where_of
 from .histories import read_summary
 from .result_files import HistoryError
 from .sweep_scalars import Scalar, measure
 from .sweep_study import Study
+
+# A shell starts the solver. It ends the solver when nobody holds the other end of its standard input any more.
+SHELL = """exec 3<&0
+"$@" 3<&- </dev/null & solver=$!
+{ read -r nothing <&3; kill "$solver"; } >/dev/null 2>&1 & watch=$!
+wait "$solver"; status=$?; kill "$watch" 2>/dev/null; exit $status"""
+
+
+def start(words: list, folder: Path) -> subprocess.Popen:
+    """Start the solver in a folder, as a group of processes of its own; its standard error is a pipe."""
+    return subprocess.Popen(
+        ["/bin/sh", "-c", SHELL, "sh", *words],
+        cwd=folder,
+        stdin=_pipe(os.getpid())[0],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def status(solver: subprocess.Popen) -> int:
+    """Return the exit status of a solver that has ended, minus the number of the signal that stopped it."""
+    return solver.returncode if solver.returncode <= 128 else 128 - solver.returncode
+
+
+def end(solver: subprocess.Popen) -> None:
+    """Stop a solver that was started here, and what it started."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(solver.pid, signal.SIGKILL)
+    solver.communicate()
+
+
+@functools.cache
+def _pipe(process: int) -> tuple[int, int]:  # noqa: ARG001
+    """Return both ends of the pipe that ends with this process, not with the one that it was copied from."""
+    return os.pipe()
 
 
 @dataclass(frozen=True)
@@ -102,15 +141,15 @@ def _rows(batch: Batch, folder: Path) -> list[Row]:
 
 def _call(batch: Batch, words: list[str], folder: Path) -> str:
     """Call the solver in a folder and return why it was stopped, '' where it was not."""
-    with solver_start.start([batch.biela, "--quiet", *words], folder) as solver:
+    with start([batch.biela, "--quiet", *words], folder) as solver:
         stopped = ""
         try:
             solver.communicate(timeout=batch.longest if math.isfinite(batch.longest) else None)
         except subprocess.TimeoutExpired:
-            solver_start.end(solver)
+            end(solver)
             stopped = f"stopped after {batch.longest:g} s"
-    if not stopped and solver_start.status(solver) < 0:
-        stopped = f"the solver was stopped by signal {-solver_start.status(solver)}"
+    if not stopped and status(solver) < 0:
+        stopped = f"the solver was stopped by signal {-status(solver)}"
     return stopped
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import biela as package
 import numpy as np
 import pytest
-from biela import design_space, study_runs
+from biela import design_runs, study_runs
 from biela.programs import optimise as optimise_command
 from biela.programs import sensitivity as sensitivity_command
 from conftest import ROOT
@@ -44,9 +44,9 @@ def optimise(tmp_path, biela, monkeypatch):
 @pytest.mark.parametrize(("name", "drawn"), [*((name, 1) for name in PROBLEMS), ("runs that fail", 303)])
 def test_known_optima_are_found_from_places_that_are_drawn(optimise, tmp_path, monkeypatch, name, drawn):
     problem = PROBLEMS[name]
-    spread_out = design_space.Space.spread_out
-    monkeypatch.setattr(design_space.Space, "spread_out", lambda self, count, seed=0: spread_out(self, count, seed + drawn))
-    monkeypatch.setattr(design_space.Space, "start", lambda self: np.random.default_rng(drawn).random(len(self.free)))
+    spread_out = design_runs.Space.spread_out
+    monkeypatch.setattr(design_runs.Space, "spread_out", lambda self, count, seed=0: spread_out(self, count, seed + drawn))
+    monkeypatch.setattr(design_runs.Space, "start", lambda self: np.random.default_rng(drawn).random(len(self.free)))
     install(monkeypatch, tmp_path, problem)
     status, found = optimise("--no-pictures")
     assert status == 0
