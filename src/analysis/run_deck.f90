@@ -24,6 +24,7 @@ module run_deck
   use step_advice, only: stability_advice, advise
   use step_monitor, only: method_number
   use step_counts, only: actual_step
+  use pair_advice, only: advise_pairs
   use stop_advice, only: advise_stops
   use static_analysis, only: run_static, refuse_free_bodies
   use summary, only: model_lines
@@ -109,6 +110,7 @@ contains
     call deck_step(run, advice, text)
     call text%close()
     call advise_stops(run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), text)
+    call advise_pairs(run%d, run%sys%m, text)
     call warn_of_loops(run, text)
     if (step_refused(run, advice, options%check)) return
     if (options%check) then

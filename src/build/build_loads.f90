@@ -2,16 +2,18 @@
 module build_loads
   use build_history, only: make_history
   use build_law, only: law_of
-  use build_profiles, only: make_pair
+  use build_profiles, only: corners_of, make_pair
   use constraint, only: constraint_box
   use build_factors, only: factor_list, of_time, require_continuous
   use deck_records, only: column_record, deck, force_record, spring_record, stop_record, transient_record
   use errors, only: fault_list
-  use force_element, only: force_model, stage_all, stage_static, stage_transient
+  use force_element, only: force_box, force_model, stage_all, stage_static, stage_transient
   use loads, only: load_model, body_force_model, central_torque_model, point_force_model, section_force_model, torque_model
   use scene_model, only: scene
   use stop_row, only: stop_row_model
+  use measure, only: measure_model
   use measures, only: difference, distance, line
+  use profile_corners, only: corner_watch
   use springs, only: spring_model
   use stops, only: stop_model, rebound_factor
   use text, only: either, quoted
@@ -45,6 +47,7 @@ contains
     end do
     s%stops = size(d%stops)
     call list%move(s, watched)
+    call watch_profiles(d, s)
     order = [(k, k=loads + 1, s%acting), (k, k=1, loads), (k, k=s%acting + 1, size(s%forces))]
     s%switching = pack(order, [(s%forces(order(k))%item%switches, k=1, size(order))])
     do k = 1, size(s%switching)
@@ -56,6 +59,47 @@ contains
     s%elements = size(s%switching) + size(s%friction)
     call add_stop_rows(d, s)
   end subroutine make_forces
+
+  !> Behind all others what watches the corners of laws, of joints and stops on profiles. With fixed steps of a higher order these are
+  !> events that it feels; what only the third derivative does is left to an error that is controlled.
+  subroutine watch_profiles(d, s)
+    type(deck), intent(in) :: d
+    type(scene), intent(inout) :: s
+    integer, allocatable :: list(:)
+    integer :: k, order
+    order = merge(2, 3, d%transient%adaptive .or. d%transient%method == 'generalized_alpha')
+    list = [pack([(k, k=1, s%joints)], d%joints%profile > 0), &
+            pack([(s%permanent + s%springs + size(d%forces) + k, k=1, s%stops)], d%stops%profile > 0)]
+    allocate (s%corners(0))
+    do k = 1, size(list)
+      if (list(k) <= s%joints) then
+        call watch(s%constraints(list(k))%item%measures(1)%item, list(k))
+      else
+        call watch(s%forces(list(k) - s%permanent)%item%measure, list(k))
+      end if
+    end do
+  contains
+    !> Adds one where there are corners.
+    subroutine watch(gap, number)
+      class(measure_model), intent(in) :: gap
+      integer, intent(in) :: number          !! of its joint or stop, among constraints and force elements
+      type(corner_watch), allocatable :: item
+      type(force_box), allocatable :: all(:)
+      integer :: j
+      allocate (item)
+      item%corners = corners_of(gap, order)
+      if (size(item%corners) == 0) return
+      item%switches = .true.
+      item%name = 'corners'
+      allocate (all(size(s%forces) + 1))
+      do j = 1, size(s%forces)
+        call move_alloc(s%forces(j)%item, all(j)%item)
+      end do
+      call move_alloc(item, all(size(all))%item)
+      call move_alloc(all, s%forces)
+      s%corners = [s%corners, number]
+    end subroutine watch
+  end subroutine watch_profiles
 
   !> A row for each rigid stop, behind all others.
   subroutine add_stop_rows(d, s)
@@ -90,7 +134,7 @@ contains
     call move_alloc(all, s%constraints)
   end subroutine add_stop_rows
 
-  !> Gives stops and their rows each other's place, when both are numbered.
+  !> Gives stops and their rows each other's place, when both are numbered; what watches pairs sees what these measure.
   subroutine place_stop_rows(s)
     type(scene), intent(inout) :: s
     integer :: k
@@ -98,6 +142,18 @@ contains
       associate (c => s%constraints(k)%item, f => s%forces(s%switching(s%constraints(k)%item%switch_number))%item)
         f%row = c%first
         call c%attach(f%ia, f%ib, 0)
+      end associate
+    end do
+    do k = 1, size(s%corners)
+      associate (f => s%forces(size(s%forces) - size(s%corners) + k)%item, number => s%corners(k))
+        if (number <= s%joints) then
+          allocate (f%measure, source=s%constraints(number)%item%measures(1)%item)
+        else
+          allocate (f%measure, source=s%forces(number - s%permanent)%item%measure)
+        end if
+        f%ia = f%measure%ia
+        f%ib = f%measure%ib
+        f%size = s%size
       end associate
     end do
   end subroutine place_stop_rows

@@ -17,7 +17,7 @@ module build_profiles
   use text, only: either, quoted, to_text
   implicit none (type, external)
   private
-  public :: make_pair
+  public :: corners_of, make_pair
 
   integer, parameter :: arcs = 64            !! into which the curve of a law is cut
   real(wp), parameter :: closes = 1.0e-9_wp  !! how far the end of a turn may be from its beginning, of the law's size [-]
@@ -54,6 +54,21 @@ contains
     end associate
     call move_alloc(pair, item)
   end subroutine make_pair
+
+  !> Where derivatives of a pair's law jump; none, where there is no law.
+  function corners_of(gap, most_order) result(list)
+    class(measure_model), intent(in) :: gap
+    integer, intent(in) :: most_order
+    real(wp), allocatable :: list(:)                  ! places of its curve [rad]
+    allocate (list(0))
+    select type (gap)
+    class is (pair_measure)
+      select type (curve => gap%profile)
+      class is (law_model)
+        list = curve%corners(most_order)
+      end select
+    end select
+  end function corners_of
 
   !> The factory of profiles.
   subroutine make_profile(d, r, item, faults)

@@ -55,6 +55,8 @@ module scene_model
     integer :: acting = 0                       !! number of springs, loads and stops
     integer :: choices = 0                      !! number of watches that are switches: their events are told
     type(motion_factor_model), allocatable :: factors(:)   !! of loads, that follow motions which the watches watch
+    integer, allocatable :: corners(:)          !! of each watch of a profile's corners, the last ones: its joint or stop, its
+                                                !! number among permanent constraints, then force elements
     type(controller_model), allocatable :: controllers(:)
     integer, allocatable :: switching(:)        !! force elements with discrete states: stops, then functions of motion, switches
     integer :: elements = 0                     !! all elements that switch: these force elements, then the rows that switch

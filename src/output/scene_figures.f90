@@ -114,7 +114,7 @@ contains
         call outline(number, m%s%constraints(k)%item%measures(1)%item)
       else
         k = findloc(d%stops%profile, number, 1)
-        if (k > 0) call outline(number, m%s%forces(size(m%s%forces) - size(d%stops) + k)%item%measure)
+        if (k > 0) call outline(number, m%s%forces(m%s%springs + size(d%forces) + k)%item%measure)
       end if
     end subroutine add_profile
 

@@ -12,7 +12,7 @@ module contact_pair
   use kinds, only: wp
   use marker, only: marker_states, turn
   use measure, only: measured, measure_model
-  use profile, only: profile_foot, profile_model
+  use profile, only: profile_foot, profile_model, profile_reach
   use small_matrices, only: outer
   implicit none (type, external)
   private
@@ -38,6 +38,8 @@ module contact_pair
     real(wp) :: w(6)                       !! [-], [m]
     real(wp) :: place(2)                   !! of the profile, global [m]
     real(wp) :: convexity                  !! curvature of the profile there [1/m]
+    real(wp) :: u                          !! where on its curve [any]
+    real(wp) :: advance                    !! of u by w, the motion along the tangent or the turn of the face [any/m] or [any/rad]
   end type pair_touch
 
 contains
@@ -47,18 +49,21 @@ contains
     class(pair_measure), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(profile_foot) :: foot
-    real(wp) :: e(2), u(2), v(6), reach(0:2), c, s
+    type(profile_reach) :: reach
+    real(wp) :: e(2), u(2), v(6), c, s
     e = p%r(:, self%ia) - p%r(:, self%ib)
     if (self%flat) then
       at%n = [cos(p%angle(self%ia) + self%face), sin(p%angle(self%ia) + self%face)]
       reach = self%profile%support(p%angle(self%ia) + self%face - p%angle(self%ib))
-      at%x = dot_product(at%n, e) - reach(0)
-      at%g = [at%n, dot_product(turn(at%n), e) - reach(1), -at%n, reach(1)]
+      at%x = dot_product(at%n, e) - reach%p(0)
+      at%g = [at%n, dot_product(turn(at%n), e) - reach%p(1), -at%n, reach%p(1)]
       at%carrier = 3
-      at%bend = -reach(2)
+      at%bend = -reach%p(2)
       at%w = [0, 0, 1, 0, 0, -1]
-      at%place = p%r(:, self%ib) + reach(0)*at%n + reach(1)*turn(at%n)
-      at%convexity = 1/(reach(0) + reach(2))
+      at%place = p%r(:, self%ib) + reach%p(0)*at%n + reach%p(1)*turn(at%n)
+      at%convexity = 1/(reach%p(0) + reach%p(2))
+      at%u = reach%u
+      at%advance = reach%advance
     else
       c = cos(p%angle(self%ib))
       s = sin(p%angle(self%ib))
@@ -76,6 +81,8 @@ contains
       end if
       at%place = p%r(:, self%ia) - foot%distance*at%n
       at%convexity = foot%curvature
+      at%u = foot%u
+      at%advance = foot%advance
     end if
     v = self%rates(p)
     at%rate = dot_product(at%g, v)

@@ -5,7 +5,7 @@
 module curve_profile
   use kinds, only: wp
   use marker, only: turn
-  use profile, only: profile_foot, profile_model
+  use profile, only: profile_foot, profile_model, profile_reach
   implicit none (type, external)
   private
 
@@ -28,6 +28,7 @@ module curve_profile
   type, public :: pair_limits
     integer :: flaw = 0                      !! the first that is found; 0: none
     real(wp) :: range(2) = 0.0_wp            !! of u, the first one where there are flaws [any]
+    real(wp) :: reach = 0.0_wp               !! of a flat face, from where it stands on a circle [m]
     real(wp) :: radius = huge(1.0_wp)        !! least radius of curvature, of the profile; of the curve in flaws [m]
   end type pair_limits
 
@@ -109,6 +110,8 @@ contains
     foot%n = best%n
     foot%distance = dot_product(d - best%c, best%n) + self%inset
     foot%curvature = inset_curvature(self, best%curvature)
+    foot%u = best%u
+    foot%advance = 1/(best%speed*max(1 + best%curvature*dot_product(d - best%c, best%n), sqrt(tiny(1.0_wp))))
   contains
     !> The end of an arc that is nearest.
     pure integer function nearest_end() result(k)
@@ -150,10 +153,9 @@ contains
   end function along
 
   !> Largest n(alpha).c: N.t falls through zero where the normal is N; its slope is -speed curvature N.n.
-  pure function convex_support(self, alpha) result(p)
+  pure type(profile_reach) function convex_support(self, alpha) result(reach)
     class(curve_model), intent(in) :: self
     real(wp), intent(in) :: alpha            !! [rad]
-    real(wp) :: p(0:2)                       ! [m]
     real(wp) :: n(2), low, high, u
     type(curve_place) :: q
     integer :: k
@@ -171,9 +173,10 @@ contains
       call newton(low, high, u, dot_product(n, turn(q%n)), q%speed*q%curvature*dot_product(n, q%n), stays)
       if (stays) exit
     end do
-    p(0) = dot_product(n, q%c) - self%inset
-    p(1) = dot_product(turn(n), q%c)
-    p(2) = 1/q%curvature - self%inset - p(0)
+    reach%p(0:1) = [dot_product(n, q%c) - self%inset, dot_product(turn(n), q%c)]
+    reach%p(2) = 1/q%curvature - self%inset - reach%p(0)
+    reach%u = q%u
+    reach%advance = 1/(q%speed*q%curvature)
   end function convex_support
 
   !> The place in a bracket from which a point lies along the normal; f falls there. Its slope is -speed (1 + curvature D).
@@ -265,6 +268,7 @@ contains
         if (abs(foot%distance - radius) > same*(norm2(q%c) + radius)) flaw(i) = flaw_double
       end if
       if (flaw(i) > 0 .and. found%flaw == 0) found = pair_limits(flaw=flaw(i))
+      found%reach = max(found%reach, abs(dot_product(q%c, turn(q%n))))
       if (flaw(i) /= found%flaw .or. .not. abs(q%curvature) > 0.0_wp) cycle
       if (flaw(i) == flaw_undercut) then
         found%radius = min(found%radius, 1/q%curvature)

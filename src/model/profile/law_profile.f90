@@ -8,9 +8,13 @@ module law_profile
   use kinds, only: wp, pi
   use curve_profile, only: curve_model, curve_place
   use history, only: history_model
+  use table_history, only: table_model
   use marker, only: turn
+  use profile, only: profile_reach
   implicit none (type, external)
   private
+
+  real(wp), parameter :: same_angle = 1.0e-9_wp   !! angles so near are one [rad]
 
   !> The pitch curve of a roller.
   type, extends(curve_model), public :: law_model
@@ -23,6 +27,7 @@ module law_profile
     procedure :: lift
     procedure :: cam_angle
     procedure :: pressure_angle
+    procedure :: corners
   end type law_model
 
   !> The disc of a flat face.
@@ -48,6 +53,48 @@ contains
     real(wp), intent(in) :: v                !! [rad]
     angle = modulo(merge(v, -v, self%clockwise), 2*pi)
   end function cam_angle
+
+  !> Where a derivative of the law up to an order jumps, ascending, from 0 to 2 pi; pieces are no longer than half a turn. None: it
+  !> is smooth, or so are the pieces of a table but for their third derivatives, too many for events.
+  function corners(self, most_order) result(list)
+    class(law_model), intent(in) :: self
+    integer, intent(in) :: most_order
+    real(wp), allocatable :: list(:)         ! v [rad]
+    class(history_model), allocatable :: law
+    real(wp) :: first(-1:2), last(-1:2), t, ends(2)
+    integer :: k, order
+    order = most_order
+    select type (law_of_table => self%law)
+    class is (table_model)
+      order = min(order, 2)
+    end select
+    allocate (law, source=self%law)
+    call law%keep_corners(order)
+    allocate (list(0))
+    t = law%next_corner(-0.5_wp*same_angle, .true.)
+    do while (t < 2*pi - same_angle)
+      list = [list, t]
+      t = law%next_corner(t, .true.)
+    end do
+    call law%evaluate(0.0_wp, .false., first)
+    call law%evaluate(2*pi, .true., last)
+    if (.not. law%period > 0.0_wp .and. (size(list) > 0 .or. abs(last(2) - first(2)) > same_angle*abs(first(2)))) then
+      if (size(list) == 0) list = [0.0_wp]
+      if (list(1) > same_angle) list = [0.0_wp, list]
+    end if
+    if (.not. self%clockwise) list = modulo(-list(size(list):1:-1), 2*pi)
+    if (size(list) > 0) list = cshift(list, minloc(list, 1) - 1)
+    k = 1
+    do while (k <= size(list))
+      ends = [list(k), list(1) + 2*pi]
+      if (k < size(list)) ends(2) = list(k + 1)
+      if (ends(2) - ends(1) > pi + same_angle) then
+        list = [list(:k), 0.5_wp*sum(ends), list(k + 1:)]
+      else
+        k = k + 1
+      end if
+    end do
+  end function corners
 
   !> The law and two derivatives by v.
   pure function lift(self, v) result(s)
@@ -104,22 +151,23 @@ contains
   pure type(curve_place) function flat_place(self, u) result(q)
     class(flat_model), intent(in) :: self
     real(wp), intent(in) :: u                !! v [rad]
-    real(wp) :: p(0:2)
-    p = self%support(u + 0.5_wp*pi)
+    type(profile_reach) :: reach
+    reach = self%support(u + 0.5_wp*pi)
     q%u = u
     q%n = [-sin(u), cos(u)]
-    q%c = p(0)*q%n + p(1)*turn(q%n)
-    q%speed = p(0) + p(2)
+    q%c = reach%p(0)*q%n + reach%p(1)*turn(q%n)
+    q%speed = reach%p(0) + reach%p(2)
     q%curvature = 1/sign(max(abs(q%speed), sqrt(tiny(1.0_wp))), q%speed)
   end function flat_place
 
   !> The law itself.
-  pure function flat_support(self, alpha) result(p)
+  pure type(profile_reach) function flat_support(self, alpha) result(reach)
     class(flat_model), intent(in) :: self
     real(wp), intent(in) :: alpha            !! [rad]
-    real(wp) :: p(0:2)                       ! [m]
-    p = self%lift(alpha - 0.5_wp*pi)
-    p(0) = self%base(2) + p(0)
+    reach%u = alpha - 0.5_wp*pi
+    reach%advance = 1.0_wp
+    reach%p = self%lift(reach%u)
+    reach%p(0) = self%base(2) + reach%p(0)
   end function flat_support
 
   !> On the spline.

@@ -12,7 +12,16 @@ module profile
     real(wp) :: distance = 0.0_wp            !! of the point, negative within the profile [m]
     real(wp) :: n(2) = [1.0_wp, 0.0_wp]      !! outward normal [-]
     real(wp) :: curvature = 0.0_wp           !! of the profile, positive where it is convex [1/m]
+    real(wp) :: u = 0.0_wp                   !! where on its curve [any]
+    real(wp) :: advance = 0.0_wp             !! of u with the point along the tangent [any/m]
   end type profile_foot
+
+  !> How far it reaches in a direction.
+  type, public :: profile_reach
+    real(wp) :: p(0:2) = 0.0_wp              !! the support, with two derivatives [m]
+    real(wp) :: u = 0.0_wp                   !! of the place that is farthest [any]
+    real(wp) :: advance = 0.0_wp             !! of u with the direction [any/rad]
+  end type profile_reach
 
   !> A profile.
   type, abstract, public :: profile_model
@@ -31,12 +40,11 @@ module profile
       class(profile_model), intent(in) :: self
       real(wp), intent(in) :: d(2)           !! [m]
     end function nearest_place
-    !> Largest n(alpha).c of a convex profile, with two derivatives.
-    pure function reach_of(self, alpha) result(p)
-      import :: profile_model, wp
+    !> Largest n(alpha).c of a convex profile.
+    pure type(profile_reach) function reach_of(self, alpha) result(reach)
+      import :: profile_model, profile_reach, wp
       class(profile_model), intent(in) :: self
       real(wp), intent(in) :: alpha          !! of the direction n [rad]
-      real(wp) :: p(0:2)                     ! [m]
     end function reach_of
     !> Points all along it, for pictures.
     pure function points_of(self) result(c)
@@ -74,11 +82,10 @@ contains
   end function circle_nearest
 
   !> Its radius.
-  pure function circle_support(self, alpha) result(p)
+  pure type(profile_reach) function circle_support(self, alpha) result(reach)
     class(circle_model), intent(in) :: self
     real(wp), intent(in) :: alpha            !! [rad]
-    real(wp) :: p(0:2)                       ! [m]
-    p = [self%radius, 0.0_wp, 0.0_wp]
+    reach%p(0) = self%radius
   end function circle_support
 
   !> Round about.
