@@ -70,6 +70,27 @@ def test_spin_up(run_deck):
     assert np.abs(h["tip.v"][steady]).max() < 0.01
 
 
+def test_a_valve_train_lifts_off_at_the_speed_of_the_closed_form(run_deck):
+    """The least force is 0 where m |lift''| speed^2 is spring and weight; the pressure is that of the flat tappet on its cam."""
+    rise, back, lift = np.radians(90.0), np.radians(100.0), 8e-3
+    x = np.linspace(0.0, 1.0, 200001)[1:]
+    s = np.concatenate([lift * x**3 * (10 - 15 * x + 6 * x**2), lift * (1 - x + np.sin(2 * np.pi * x) / (2 * np.pi))])
+    curve = lift * np.concatenate([60 * x * (1 - x) * (1 - 2 * x) / rise**2, -2 * np.pi * np.sin(2 * np.pi * x) / back**2])
+    held, falls = 25e3 * (8e-3 + s) + 0.12 * 9.81, curve < 0.0
+    speed = np.sqrt((held[falls] / (0.12 * -curve[falls])).min())
+    assert speed == pytest.approx(414.89, abs=0.01)
+    deck = ROOT / "input" / "valve_train.nml"
+    for factor, sign in ((0.9, 1.0), (1.0, 0.0), (1.1, -1.0)):
+        h = run_deck(deck, "--set", f"speed={factor * speed}").history
+        row = int(h["contact.f"].argmin())
+        least = np.polynomial.Polynomial.fit(h.time[row - 1 : row + 2], h["contact.f"][row - 1 : row + 2], 2)
+        assert least(least.deriv().roots()[0]) == pytest.approx(0.0, abs=2e-3) if sign == 0.0 else sign * h["contact.f"][row] > 20.0
+    at = h["contact.f"].argmax()
+    angle = np.mod(factor * speed * h.time[at] - np.radians(5.0), 2 * np.pi)
+    rho = 18e-3 + np.interp(angle, rise * x, s[: len(x)]) + np.interp(angle, rise * x, curve[: len(x)])
+    assert h["contact.p"][at] == pytest.approx(np.sqrt(h["contact.f"][at] * 115e9 / (np.pi * rho * 12e-3)), rel=1e-4)
+
+
 def test_spin_up_without_stiffening_diverges_and_says_so(run_deck):
     done = full(run_deck, "spin_up_without_stiffening")
     for words in ("deflects by", "turns a section by", "without stiffening=.true."):

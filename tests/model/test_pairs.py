@@ -1,5 +1,8 @@
 """Profiles and what touches them: a law's disc moves its follower by the law, circles are rods and clearances."""
 
+import json
+import re
+
 import numpy as np
 import pytest
 from biela.histories import read
@@ -207,3 +210,46 @@ def test_pictures_show_the_profile_and_its_follower_where_they_are(run_deck):
         assert away == pytest.approx(gaps[row], abs=1e-5)
         assert np.hypot(*(follower - mechanism.position(pair.a, row)).T) == pytest.approx(0.01)
         assert touches == (gaps[row] < 4e-5)
+
+
+@pytest.mark.parametrize(("method", "order", "steps"), [("rk4", 4, (32, 64)), ("dopri5", 5, (16, 32)), ("radau", 5, (8, 16))])
+def test_fixed_steps_keep_their_order_over_the_corners_of_a_law(method, order, steps, run_deck):
+    """A cam that coasts: its law's third derivative jumps at both ends of each stroke, where orders would fall to 2 to 4."""
+    deck = LIFT + """&scene gravity=0,-9.81 /
+&body name='cam' mass=1 inertia=2e-4 angle=0.4 angular_velocity=40 /
+&joint name='shaft' type='revolute' body_a='cam' /
+&profile name='disc' kind='law' history='lift' base_radius=0.025 radius=0.008 offset=0.006 /
+&joint name='contact' type='profile' body_a='f' radius=0.008 body_b='cam' profile='disc' /
+&spring name='press' body_a='f' point_b=0.006,0.2 stiffness=3000 free_length=0.2 /
+&sensor name='w' quantity='angular_velocity' body='cam' /
+"""
+    deck += FOLLOWER.format(x=0.006, y=0.033)
+    found = []
+    for words in ("method='dopri5' tolerance=1e-12", *(f"method='{method}' step={{0.01/{n}}}" for n in steps)):
+        found.append(run_deck(deck + f"&transient t_end=0.1 output_step=0.01 {words} /\n", name=f"s{len(found)}").history["w"])
+    errors = [np.abs(w - found[0]).max() for w in found[1:]]
+    assert errors[1] < 2e-5
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35)
+
+
+def test_what_a_check_tells_of_pairs(run_deck):
+    """Radius of curvature, pressure angle, reach of a face; too few digits of a table."""
+    u = np.linspace(0.0, 2 * np.pi, 361)
+    deck = LIFT + "&history name='coarse' kind='table' periodic=.true.\n time=" + ",\n".join(f"{x:.12f}" for x in u) + "\n value="
+    deck += ",\n".join(f"{x:.6f}" for x in lift(u)[0]) + " /\n" + CAM + FOLLOWER.format(x=0.006, y=0.04)
+    deck += "&profile name='disc' kind='law' history='lift' base_radius=0.025 radius=0.008 offset=0.006 /\n"
+    deck += "&profile name='flat' kind='law' history='lift' base_radius=0.04 follower='flat' /\n"
+    deck += "&profile name='rough' kind='law' history='coarse' base_radius=0.2 radius=0.008 /\n"
+    pair = "&stop name='{0}' type='profile' body_a='f' {1} body_b='cam' profile='{0}' stiffness=1e6 /\n"
+    deck += pair.format("disc", "radius=0.008") + pair.format("flat", "face=1.5") + pair.format("rough", "radius=0.008")
+    told = run_deck(deck, "--check", "--json").stdout
+    disc, flat, _ = json.loads(told)["pairs"]
+    s = lift(np.linspace(0.0, 2 * np.pi, 100001))
+    angle = np.arctan((s[1] - 0.006) / (np.sqrt(0.033**2 - 0.006**2) + s[0]))
+    assert disc["pressure_angle"] == pytest.approx(np.abs(angle).max(), rel=1e-4)
+    assert flat["reach"] == pytest.approx(np.abs(s[1]).max(), rel=1e-3)
+    assert flat["least_radius"] == pytest.approx((0.04 + s[0] + s[2]).min(), rel=1e-3)
+    share = 0.5e-6 * 4 / (2 * np.pi / 360) ** 2 / np.abs(s[2]).max()
+    found = re.findall(r"curvature err by (\d+) %", run_deck(deck, "--check").stderr)
+    assert found == [found[0]]
+    assert float(found[0]) / 100 == pytest.approx(share, rel=0.1)
