@@ -203,10 +203,10 @@ INCH, POUND, PSI = 0.0254, 0.45359237, 6894.757
     [(64.08, 0.2815, 4), (296.4, 0.2424, 4), (743.7, 0.154, 3), (1393.9, 0.089, 3), (2261.1, 0.057, 3)],
 )
 def test_the_sandwich_cantilever_of_soni(poles, frequency, loss, digits):
-    """Soni (Shock Vib. Bull. 55, 1981) by Daya & Potier-Ferry (Comput. Struct. 79, 2001): frequency [Hz], loss factor over the core's.
+    """Soni (Shock Vib. Bull. 55, 1981) by Daya & Potier-Ferry (Comput. Struct. 79, 2001): Hz, loss factor over the core's.
 
-    That of the core is 0.1 at all frequencies: here at the published pole. Faces of 0.06 in, 1e7 psi and 0.1 lb/in3, core of 0.005 in, 100 psi (shear) and 0.035 lb/in3, 7 in by 0.5 in. In three digits of
-    SI units modulus and density make 7e-4 of a frequency.
+    That of the core is 0.1 at all frequencies: here at the published pole. Faces of 0.06 in, 1e7 psi, 0.1 lb/in3, core of 0.005 in,
+    100 psi (shear) and 0.035 lb/in3, 7 in by 0.5 in. In three digits of SI units modulus and density make 7e-4 of a frequency.
     """
     pole = 2j * np.pi * frequency * np.sqrt(1 + 0.1j * loss)
     x = pole / (abs(pole) + pole)  # a Maxwell term of that time: E_R (1 + alpha x) = G (1 + 0.1 i)
@@ -393,3 +393,28 @@ def test_three_layers_may_be_bonded(poles):
         for n, held in ((0, ""), (2, "slip_held=1,-1"))
     )
     np.testing.assert_allclose(bonded, stiff, rtol=1e-6)
+
+
+def test_bodies_of_equal_layers_move_as_each_would_alone(run_deck):
+    """Three arms: the second is the first one again, the third has a stiffer tape; constants of the first serve the second."""
+    head, arm = SCENE[: SCENE.index("&body")], SCENE[SCENE.index("&body") :].replace("stiffening=.true.", "")
+    arm = arm[: arm.index("&sensor name='motor'")] + arm[arm.index("&sensor name='edge'") :]
+
+    def named(name, words=arm):
+        for one in ("arm", "pin", "motor", "tip", "edge", "tape' q"):
+            words = words.replace(f"'{one}", f"'{name}{one}")
+        return words
+
+    stiff = head[head.index("&material name='tape'") : head.index("&section")].replace("'tape'", "'hard'").replace("4e5", "8e5")
+    stiff += head[head.index("&section name='clad'") :].replace("'clad'", "'stiff'").replace("'tape'", "'hard'")
+    motor = "&history name='turn' kind='ramp' start_value=0.0 end_value=0.5 start=0.0 finish=0.02 /\n"
+    arm = arm.replace(motor, "")
+    transient = "&transient t_end=2e-3 method='dopri5' tolerance=1e-9 output_step=2e-4 /\n"
+    other = named("c", arm).replace("'clad'", "'stiff'")
+    together = run_deck(head + stiff + motor + named("a", arm) + named("b", arm) + other + transient).history
+    alone = run_deck(head + stiff + motor + named("a", arm) + transient, name="first").history
+    stiffer = run_deck(head + stiff + motor + other + transient, name="third").history
+    for column in (name[1:] for name in alone.names[1:]):
+        size = np.ptp(np.asarray(alone["a" + column]))
+        for one, reference in (("a", alone["a" + column]), ("b", alone["a" + column]), ("c", stiffer["c" + column])):
+            assert np.abs(np.asarray(together[one + column]) - np.asarray(reference)).max() <= 1e-7 * size, (one, column)

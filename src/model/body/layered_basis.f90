@@ -2,6 +2,7 @@
 !> column of the deformations; the rows that one segment follows stand side by side.
 module layered_basis
   use kinds, only: wp
+  use banded, only: same_factor
   use beam_element, only: beam_geometry
   use body, only: body_model, elastic_basis, elastic_work
   use layered_element, only: layered_element_model, most_coordinates
@@ -196,10 +197,14 @@ contains
     d = w%ds(1, b%layers%row(:size(b%layers%kinds(b%layers%kind(e))%stiffness), e))
   end function element_strain
 
-  !> Bodies of layers share nothing.
+  !> Whether another body of equal layers has the same factor.
   pure logical function same(self, other)
     class(layered_model), intent(in) :: self
     class(elastic_basis), intent(in) :: other
     same = .false.
+    select type (other)
+    type is (layered_model)
+      same = same_factor(self%mff, other%mff)
+    end select
   end function same
 end module layered_basis

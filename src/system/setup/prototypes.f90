@@ -55,14 +55,34 @@ contains
     type(body_model), intent(in) :: a, b
     same = .false.
     if (a%nf /= b%nf .or. a%ne /= b%ne .or. a%nd /= b%nd .or. size(a%lumps) /= size(b%lumps)) return
-    if (a%stiffening .neqv. b%stiffening) return
+    if ((a%stiffening .neqv. b%stiffening) .or. (allocated(a%layers) .neqv. allocated(b%layers))) return
+    if (size(a%edof, 1) /= size(b%edof, 1)) return
     if (any(a%edof /= b%edof) .or. any(a%lumps%node /= b%lumps%node)) return
     same = equal(4, [a%mass, a%i1, a%i11], [b%mass, b%i1, b%i11]) .and. equal(size(a%lumps), a%lumps%mass, b%lumps%mass) .and. &
            equal(size(a%shape%sbar), a%shape%sbar, b%shape%sbar) .and. equal(a%nf, a%shape%i1f, b%shape%i1f) .and. &
            equal(a%nf, a%shape%c0, b%shape%c0) .and. equal(size(a%shape%pmat), a%shape%pmat, b%shape%pmat) .and. &
            equal(8*a%ne, constants(a), constants(b))
+    if (same .and. allocated(a%layers)) same = same_layers(a, b)
     if (same) same = a%basis%same(b%basis)
   end function same_constants
+
+  !> Whether the rows of two bodies' layers are the same in the same places, and what the layers damp and weigh.
+  pure logical function same_layers(a, b) result(same)
+    type(body_model), intent(in) :: a, b
+    integer :: k
+    same = size(a%layers%kinds) == size(b%layers%kinds) .and. size(a%layers%row) == size(b%layers%row) .and. &
+           size(a%op%m) == size(b%op%m) .and. size(a%op%z) == size(b%op%z)
+    if (.not. same) return
+    same = all(a%layers%kind == b%layers%kind) .and. all(a%layers%row == b%layers%row) .and. &
+           equal(size(a%op%m), a%op%m, b%op%m) .and. equal(size(a%op%j), a%op%j, b%op%j) .and. &
+           equal(size(a%op%c), a%op%c, b%op%c) .and. equal(size(a%op%z), a%op%z, b%op%z)
+    do k = 1, size(a%layers%kinds)
+      associate (x => a%layers%kinds(k), y => b%layers%kinds(k))
+        if (same) same = size(x%rows) == size(y%rows)
+        if (same) same = equal(size(x%rows), x%rows, y%rows) .and. equal(size(x%force), x%force, y%force)
+      end associate
+    end do
+  end function same_layers
 
   !> The elements' constants.
   pure function constants(b) result(x)
