@@ -145,7 +145,8 @@ class DesignRuns(StudyRuns):
         own = [float(value) if isinstance(value, (int, float)) else np.nan for value in point.values()]
         failed = [np.nan] * len(self.study.scalars)
         values = np.array(own + (entry["values"] or failed), dtype=float)
-        errors = np.array([0.0] * len(own) + (entry.get("errors") or [0.0] * len(failed)), dtype=float)
+        # of modes that are followed nothing is measured
+        errors = np.nan_to_num([0.0] * len(own) + (entry.get("errors") or [0.0] * len(failed)))
         extremes = [[]] * len(own) + (entry.get("extremes") or [[]] * len(failed))
         reason = entry["reason"]
         if not reason:
