@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import REFERENCE, caught, wait_for
+from conftest import REFERENCE, ROOT, caught, wait_for
 from linear_oracle import TurningArm
 from oracle_probe import Twins
 from scipy.integrate import solve_ivp
@@ -426,6 +426,17 @@ def test_no_cycle(run_deck):
     assert "moves_on='belt'" in run.stderr
 
 
+def test_rattling(run_deck):
+    """A pin that rattles in its hole comes to no cycle: its name, and the time of an event that changes."""
+    deck = (ROOT / "input" / "clearance_slider_crank.nml").read_text(encoding="utf-8").split("&transient")[0]
+    deck = deck.replace("stiffness=6.6e10", "stiffness=1e6")
+    run = run_deck(
+        deck + "&periodic period={2*pi/314.1592653589793} most_turns=12 /\n&transient method='rk4' step=1e-4 /\n", expect=1
+    )
+    assert "no cycle was found" in run.stderr
+    assert 'events of "pin" at t = ' in run.stderr
+
+
 def test_rest_is_no_cycle(run_deck):
     """With an unknown period a rest would repeat after any time."""
     deck = ROTOR.replace("angular_velocity=20", "angle=-1.5").replace("moment=1.0", "moment=0.1")
@@ -574,6 +585,10 @@ def test_errors_of_steps(run_deck, arm_poles):
     assert np.all(true < told)
     assert np.all(told < 100 * true)
     assert run.figures["periodic"]["steps"] == 2000
+    fine = run_deck(ARM + f"&periodic period={period!r} /\n&transient method='rk4' step={period / 8000!r} /\n", "--output", "fine")
+    for name, unit in (("tip.u", "m"), ("tip.v", "m"), ("tip.r", "rad")):
+        told, off = (run.figures["periodic"]["errors_of_columns"][f"{name}[{unit}]"], run.history[name][0] - fine.history[name][0])
+        assert abs(off) <= told + 1e-12
 
 
 def test_accuracy(run_deck):

@@ -37,6 +37,7 @@ module cycle_search
     integer :: turns = 0                             !! all turns so far
     integer :: steps = 0                             !! of a turn
     real(wp) :: start_error = -1.0_wp                !! change of the start by twice the steps, of the scales; < 0: not known [-]
+    real(wp), allocatable :: coarse(:)               !! (ny) the start with half the steps [m, rad], [m/s, rad/s], [J]
     integer :: turns_to_cycle = 0                    !! of them for the cycle
     integer :: most_turns = 300
     real(wp) :: tolerance = 1.0e-9_wp                !! largest change of a cycle [-]
@@ -218,6 +219,7 @@ contains
     type(run_state), intent(inout) :: run
     type(turn_result) :: coarse
     coarse = self%turn
+    self%coarse = coarse%start
     self%steps = 2*self%steps
     self%residual = huge(1.0_wp)
     self%found = .false.

@@ -29,20 +29,30 @@ contains
                       ' s; the deck without &periodic says why')
       return
     end if
-    if (cycle%found .and. cycle%free_period) call refuse_rest(run, cycle, fail)
-    if (cycle%turn%remembers > 0) call fail%raise(status_failed, 'stop "'//element_name(run%sys%m, cycle%turn%remembers)// &
-      '" is touched at t = 0, and its force depends on the speed at touching, before that; expected histories of another '// &
-      'phase, so that all such stops are open at t = 0')
-    if (cycle%again > sqrt(cycle%tolerance)) call fail%raise(status_failed, 'the rates repeat, but the motion does not: a '// &
-      'second turn, which begins where the first one ends, differs by '//short_text(cycle%again, 2)//' of the ranges; expected '// &
-      'moves_on without bodies whose place matters, or angle_repeats for those whose angle does')
-    if (cycle%found) return
+    if (cycle%found) then
+      call refuse_false(run, cycle, fail)
+      return
+    end if
     r = cycle%map%change(cycle%turn)
     k = maxloc(abs(r), 1)
     call fail%raise(status_failed, 'no cycle was found in '//to_text(cycle%turns)//' turns: the best one repeats to '// &
                     short_text(cycle%residual, 2)//' of its range, '//to_text(cycle%tolerance)//' was asked for; '// &
                     name_of(run%sys%m%s, cycle%map%compared(k))//' repeats worst'//drift(run, cycle, k))
   end subroutine explain_cycle
+
+  !> Fails where what repeats is no cycle: a rest, rates alone, a start whose force it does not tell.
+  subroutine refuse_false(run, cycle, fail)
+    type(run_state), intent(in) :: run
+    type(cycle_state), intent(in) :: cycle
+    type(failure), intent(inout) :: fail
+    if (cycle%free_period) call refuse_rest(run, cycle, fail)
+    if (cycle%turn%remembers > 0) call fail%raise(status_failed, 'stop "'//element_name(run%sys%m, cycle%turn%remembers)// &
+      '" is touched at t = 0, and its force depends on the speed at touching, before that; expected histories of another '// &
+      'phase, so that all such stops are open at t = 0')
+    if (cycle%again > sqrt(cycle%tolerance)) call fail%raise(status_failed, 'the rates repeat, but the motion does not: a '// &
+      'second turn, which begins where the first one ends, differs by '//short_text(cycle%again, 2)//' of the ranges; expected '// &
+      'moves_on without bodies whose place matters, or angle_repeats for those whose angle does')
+  end subroutine refuse_false
 
   !> What else is known of an unknown that does not repeat.
   function drift(run, cycle, k) result(words)
@@ -97,8 +107,11 @@ contains
       'turns: {turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, &
       cycle%turns_to_cycle, cycle%turn%steps, cycle%turns, cycle%turn%end(2*run%sys%m%s%nq + run%sys%m%s%nz + run%sys%m%s%nzd + 1)])
     call loss_lines(run, cycle%turn%end, .true., text)
-    if (cycle%start_error >= 0.0_wp) call text%line('  error of the start: {error 1} of the ranges, by half the steps', &
-                                                    [cycle%start_error])
+    if (cycle%start_error >= 0.0_wp) then
+      call text%line('  error of the start: {error 1} of the ranges, by half the steps; of each column there:', [cycle%start_error])
+      call text%table('errors_of_columns', run%list%column%label(), &
+                      abs(cycle%map%columns_at(run, cycle%turn%start) - cycle%map%columns_at(run, cycle%coarse)), 2)
+    end if
     if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, text)
     call text%open('multipliers', '[')
     n = 0

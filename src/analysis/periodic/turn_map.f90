@@ -10,6 +10,7 @@ module turn_map
   use mechanism_ode, only: mechanism_system
   use posix, only: caught_signal
   use scene_run, only: run_state
+  use sensors, only: read_sensors
   use step_control, only: error_norm
   use step_monitor, only: method_number
   use step_counts, only: actual_step, step_count
@@ -39,6 +40,7 @@ module turn_map
     procedure :: scaled
     procedure :: moved
     procedure :: put
+    procedure :: columns_at
   end type period_map
 
 contains
@@ -146,6 +148,23 @@ contains
     if (first) turn%range = high - low
     if (r%adaptive) turn%steps = as_fine(passed)
   end subroutine march
+
+  !> Columns of sensors at t = 0 from a start.
+  function columns_at(self, run, start) result(values)
+    class(period_map), intent(in) :: self
+    type(run_state), intent(inout) :: run
+    real(wp), intent(in) :: start(:)                 !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp) :: values(run%list%columns)             ! [of the column]
+    class(mechanism_system), allocatable :: system
+    real(wp), dimension(size(start)) :: y, slope     ! [m, rad], [m/s, rad/s], [J], and per second
+    logical :: ok
+    allocate (system, source=self%system)
+    y = start
+    call self%put(system, y, [integer ::], ok)
+    call system%start_switching(0.0_wp, y, given=.true.)
+    call system%derivative(0.0_wp, y, .false., slope)
+    call read_sensors(run%list, system%m, system%ev, y, values)
+  end function columns_at
 
   !> Whether a stop touches whose force depends on the speed at touching, which the state does not tell.
   logical function remembers(system, i) result(yes)
