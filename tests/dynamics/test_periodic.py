@@ -91,6 +91,15 @@ def test_bouncing_ball(run_deck, side):
     assert run.figures["periodic"]["stable"] == (side == 1)
 
 
+def test_ball_at_rest(run_deck):
+    """A table that throws the ball, which then rebounds endlessly often and rests: no freedom is left at t = 0, nothing lives on."""
+    deck = BALL.replace("name='e' value=0.8", "name='e' value=0.3").replace("name='A' value=0.0015", "name='A' value=0.0035")
+    run = run_deck(deck.replace("value={k*acos(w/(A*2*pi/T))}", "value=-0.5").replace("phase={ph-pi}", "phase=-0.5"))
+    assert run.figures["periodic"]["multipliers"] == []
+    assert run.figures["periodic"]["stable"]
+    assert run.transient["events"]["count"] > 3
+
+
 OSCILLATOR = """! A mass on a damped spring under a harmonic force, with a rigid stop: one impact a period.
 &scene /
 &body name='mass' mass=1 inertia=1 position=0.03,0 velocity=0.9,0 /
@@ -445,7 +454,7 @@ def test_rest_is_no_cycle(run_deck):
     assert "rest" in run.stderr
 
 
-ENGINE = """! An engine whose rail rubs, its gas force over the angle, its load over the speed: two states besides those of the joints.
+ENGINE = """! An engine whose rail rubs: gas force over the angle, load over the speed. Two states are free.
 &scene gravity=0,-9.81 /
 &body name='crank' mass=3 inertia=0.02 angular_velocity=60 angle=0.2 /
 &body name='rod' mass=0.4 inertia=1e-3 com=0.07,0 angle={-asin(0.04*sin(0.2)/0.15)} position={0.04*cos(0.2)},{0.04*sin(0.2)} /

@@ -386,6 +386,7 @@ contains
     if (number == 0) return
     before = [complex(wp) ::]
     if (self%start_error >= 0.0_wp) before = self%pairs%value
+    self%pairs%value = [complex(wp) ::]
     seconds = 0.0_wp
     call first_direction(self, asked)
     call self%space%clear(size(v))
@@ -438,6 +439,6 @@ contains
     y = self%map%moved(self%turn%start, difference*x)
     call self%map%put(system, y, self%turn%states, ok)
     if (ok) x = self%map%scaled(y) - self%map%scaled(self%turn%start)
-    x = x/norm2(x)
+    x = x/max(norm2(x), tiny(1.0_wp))
   end subroutine first_direction
 end module cycle_search

@@ -137,7 +137,9 @@ contains
     real(wp) :: before                         ! the bound at the last estimate [s]
     self%estimates = self%estimates + 1
     before = self%latest
-    self%latest = min(self%ratio*bound_of_motions(self, m, ev), self%pole_step)
+    associate (most => huge(1.0_wp)/max(1.0_wp, self%ratio))   ! of what nothing limits, as where all joints stick
+      self%latest = min(self%ratio*min(bound_of_motions(self, m, ev), most), self%pole_step)
+    end associate
     self%next = steps + interval(self, steps, before)
     if (self%latest >= self%smallest*(1 - 1.0e-9_wp)) return
     self%smallest = self%latest
