@@ -24,30 +24,65 @@ contains
     type(body_record), intent(in) :: r
     type(body_model), intent(inout) :: b
     type(fault_list), intent(inout) :: faults
-    integer, allocatable :: pair(:, :)       ! (2, sections of the body) section and material
-    integer :: of(b%ne), first(b%ne), e, k, n
+    integer :: of(b%ne), e
     if (.not. any([(d%sections(r%element_section(e))%shear .or. size(d%sections(r%element_section(e))%layers) > 0, e=1, b%ne)])) &
       return
-    allocate (b%layers, pair(2, 0))
-    do e = 1, b%ne                           ! sections of the body
+    allocate (b%layers)
+    call find_sections(d, r, b, of)
+    call check_place(r, b, faults)
+    call find_slots(b)
+    call find_kinds(r%axial, of, b)
+    do e = 1, b%ne
+      associate (g => b%elements(e), section => b%layers%sections(of(e)), kind => b%layers%kinds(b%layers%kind(e)))
+        g%mass = kind%mass
+        g%ea_l = section%stretching/g%length
+        g%ei_l = section%bending/g%length
+        g%softening = kind%softening
+        g%area = sum(section%layers%area)
+        g%second = sum(section%layers%second)
+      end associate
+    end do
+  end subroutine add_layers
+
+  !> The sections of a body, each with the material of those that are of one, and the section of each element.
+  subroutine find_sections(d, r, b, of)
+    type(deck), intent(in) :: d
+    type(body_record), intent(in) :: r
+    type(body_model), intent(inout) :: b
+    integer, intent(out) :: of(:)            !! (ne) number of the section
+    integer, allocatable :: pair(:, :)       ! (2, sections of the body) section and material
+    integer :: e, k
+    allocate (pair(2, 0))
+    do e = 1, b%ne
       do k = 1, size(pair, 2)
         if (all(pair(:, k) == [r%element_section(e), r%element_material(e)])) exit
       end do
       if (k > size(pair, 2)) pair = reshape([pair, r%element_section(e), r%element_material(e)], [2, k])
       of(e) = k
     end do
-    allocate (b%layers%sections(size(pair, 2)), b%layers%kind(b%ne))
+    allocate (b%layers%sections(size(pair, 2)))
+    b%rayleigh = .false.
     do k = 1, size(pair, 2)
-      if (size(d%sections(pair(1, k))%layers) > 0) then
-        call all_layers(d%sections(pair(1, k)), d%materials, r, b%layers%sections(k))
-      else
-        call one_layer(d%sections(pair(1, k)), d%materials(pair(2, k)), pair(2, k), r, b%layers%sections(k))
-      end if
+      associate (s => d%sections(pair(1, k)), section => b%layers%sections(k))
+        if (size(s%layers) > 0) then
+          call all_layers(s, d%materials, r, section)
+        else
+          call one_layer(s, d%materials(pair(2, k)), pair(2, k), r, section)
+        end if
+        b%rayleigh = b%rayleigh .or. any(section%layers%ray_m > 0.0_wp .or. section%layers%ray_k > 0.0_wp)
+      end associate
     end do
-    call check_place(r, b, faults)
-    call find_slots(b)
+  end subroutine find_sections
+
+  !> The kinds of element, each with one section and one length, and the kind of each element.
+  subroutine find_kinds(axial, of, b)
+    logical, intent(in) :: axial
+    integer, intent(in) :: of(:)             !! (ne) section
+    type(body_model), intent(inout) :: b
+    integer :: first(b%ne), e, k, n          ! first element of each kind
+    allocate (b%layers%kind(b%ne))
     n = 0
-    do e = 1, b%ne                           ! kinds of element: the first of each
+    do e = 1, b%ne
       do k = n, max(1, n - latest + 1), -1
         if (of(first(k)) /= of(e)) cycle
         if (abs(b%elements(e)%length - b%elements(first(k))%length) <= same_length*b%elements(e)%length) exit
@@ -61,25 +96,9 @@ contains
     end do
     allocate (b%layers%kinds(n))
     do k = 1, n
-      b%layers%kinds(k) = make_layered_element(b%layers%sections(of(first(k))), of(first(k)), b%elements(first(k))%length, r%axial)
+      b%layers%kinds(k) = make_layered_element(b%layers%sections(of(first(k))), of(first(k)), b%elements(first(k))%length, axial)
     end do
-    do e = 1, b%ne
-      associate (g => b%elements(e), section => b%layers%sections(of(e)), kind => b%layers%kinds(b%layers%kind(e)))
-        g%mass = kind%mass
-        g%ea_l = section%stretching/g%length
-        g%ei_l = section%bending/g%length
-        g%softening = kind%softening
-        g%area = sum(section%layers%area)
-        g%second = sum(section%layers%second)
-      end associate
-    end do
-    b%rayleigh = .false.
-    do k = 1, size(b%layers%sections)
-      associate (layers => b%layers%sections(k)%layers)
-        b%rayleigh = b%rayleigh .or. any(layers%ray_m > 0.0_wp .or. layers%ray_k > 0.0_wp)
-      end associate
-    end do
-  end subroutine add_layers
+  end subroutine find_kinds
 
   !> Reports sections whose node line is not where the model needs it.
   subroutine check_place(r, b, faults)

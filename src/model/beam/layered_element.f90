@@ -4,7 +4,7 @@
 !> their change make rows whose energies add up, V = 1/2 sum of stiffness times row squared.
 module layered_element
   use kinds, only: wp
-  use layered_section, only: layered_section_model, most_cores
+  use layered_section, only: layered_section_model, most_cores, section_layer
   implicit none (type, external)
   private
   public :: make_layered_element
@@ -64,62 +64,26 @@ contains
     type(layered_section_model), intent(in) :: s
     logical, intent(in) :: axial
     type(layered_element_model), intent(inout) :: x
-    real(wp), dimension(x%deformations) :: mean, change, difference, turn, own, bubble   ! [-], [m]
-    real(wp) :: stretch, bend, shear, rows(6*size(s%layers), x%deformations), xi, face(4)
+    real(wp), dimension(x%deformations) :: stretch, difference, turn, bubble   ! e, phi2 - phi1, (phi1 + phi2)/2, q [-]
+    real(wp) :: rows(6*size(s%layers), x%deformations)
     real(wp), parameter :: one(4) = 1.0_wp, ends(4) = [1.0_wp, 1.0_wp, -1.0_wp, -1.0_wp]   ! of a mean, of a change [-]
-    integer :: l, j, n, p
-    logical :: follows
+    integer :: l, n
     n = 0
     allocate (x%stiffness(size(rows, 1)), x%ray_k(size(rows, 1)), x%layer(size(rows, 1)), x%material(size(rows, 1)), &
               x%angle(size(rows, 1)), x%shear(size(rows, 1)), x%strain(4, size(rows, 1)))
+    stretch = 0.0_wp
+    if (axial) stretch(1) = 1.0_wp
     difference = 0.0_wp
     difference(2:3) = [-1.0_wp, 1.0_wp]
     turn = 0.0_wp
     turn(2:3) = 0.5_wp
-    bubble = -1.5_wp*(1 - x%softening)*turn    ! q of theory.md
+    bubble = -1.5_wp*(1 - x%softening)*turn
     do l = 1, size(s%layers)
-      associate (layer => s%layers(l))
-        stretch = layer%young*layer%area/x%length
-        bend = layer%young*layer%second/x%length
-        shear = layer%shear*layer%area*x%length
-        face = 0.5_wp*layer%thickness*[-1, 1, -1, 1]
-        mean = -layer%height*difference
-        if (axial) mean(1) = 1.0_wp
-        if (s%cores == 0) then                 ! both changes follow the same deformation, as the shear does
-          call add(l, mean, stretch, one, layer%follows)
-          call add(l, difference, bend, -face, layer%follows, .true.)
-          bend = 12*(1 - x%softening)**2*(bend + stretch*(s%axis - layer%height)**2)
-          if (s%shears) bend = bend + shear*x%softening**2
-          call add(l, turn, bend, -6*(1 - x%softening)*ends*(s%axis - layer%height - face), layer%follows, .true.)
-          cycle
-        end if
-        change = (s%axis - layer%height)*bubble
-        do j = 1, s%cores
-          p = 3 + 3*j
-          mean(p - 2:p - 1) = s%arm(l, j)*[-1.0_wp, 1.0_wp]
-          change(p) = s%arm(l, j) - s%axis_arm(j)
-        end do
-        follows = layer%follows .and. (layer%core == 0 .or. s%core_stretch)
-        call add(l, mean, stretch, one, follows)
-        call add(l, 4*change, stretch/3, ends, follows)
-        mean = difference
-        change = bubble
-        if (layer%core > 0) then
-          p = 3 + 3*layer%core
-          mean(p - 2:p - 1) = [1.0_wp, -1.0_wp]
-          change(p) = -1.0_wp
-        end if
-        call add(l, mean, bend, -face, follows, .true.)
-        call add(l, 4*change, bend/3, -face*ends, follows, .true.)
-        if (layer%core == 0) cycle
-        do j = 1, 2                            ! two points: the third mode of a quadratic angle stores nothing
-          xi = 0.5_wp + (j - 1.5_wp)/sqrt(3.0_wp)
-          own = 0.0_wp
-          own(p - 2:p) = [1 - xi, xi, 4*xi*(1 - xi)]
-          call add(l, own, shear/2, 0*one, layer%follows, .true.)
-          x%shear(n) = .true.
-        end do
-      end associate
+      if (s%cores == 0) then
+        call add_bonded(s%layers(l))
+      else
+        call add_sliding(s%layers(l))
+      end if
     end do
     x%rows = rows(1:n, :)
     x%stiffness = x%stiffness(1:n)
@@ -131,14 +95,62 @@ contains
     x%strain = x%strain(:, 1:n)
     x%force = transpose(x%rows)*spread(x%stiffness, 1, x%deformations)
   contains
+    !> A layer of a section without cores: both changes along the element follow the same deformation, as the shear does.
+    subroutine add_bonded(layer)
+      type(section_layer), intent(in) :: layer
+      real(wp) :: bend, face(4)                ! [N m], [m]
+      face = 0.5_wp*layer%thickness*[-1, 1, -1, 1]
+      call add(stretch - layer%height*difference, layer%young*layer%area/x%length, one, layer%follows, .false.)
+      call add(difference, layer%young*layer%second/x%length, -face, layer%follows, .true.)
+      bend = layer%young*(layer%second + layer%area*(s%axis - layer%height)**2)/x%length
+      bend = 12*(1 - x%softening)**2*bend + layer%shear*layer%area*x%length*x%softening**2
+      call add(turn, bend, -6*(1 - x%softening)*ends*(s%axis - layer%height - face), layer%follows, .true.)
+    end subroutine add_bonded
+
+    !> A layer of a section with cores: means and changes of its strain and of its turn; of a core its angle at two points, as the
+    !> third mode of a quadratic angle stores nothing.
+    subroutine add_sliding(layer)
+      type(section_layer), intent(in) :: layer
+      real(wp), dimension(x%deformations) :: mean, change, mean_turn, change_turn, own   ! [-], [m]
+      real(wp) :: face(4), xi                  ! [m], [-]
+      integer :: j, p
+      logical :: follows
+      face = 0.5_wp*layer%thickness*[-1, 1, -1, 1]
+      mean = stretch - layer%height*difference
+      change = (s%axis - layer%height)*bubble
+      mean_turn = difference
+      change_turn = bubble
+      do j = 1, s%cores
+        p = 3 + 3*j
+        mean(p - 2:p - 1) = s%arm(l, j)*[-1.0_wp, 1.0_wp]
+        change(p) = s%arm(l, j) - s%axis_arm(j)
+        if (j /= layer%core) cycle
+        mean_turn(p - 2:p - 1) = [1.0_wp, -1.0_wp]
+        change_turn(p) = -1.0_wp
+      end do
+      follows = layer%follows .and. (layer%core == 0 .or. s%core_stretch)
+      call add(mean, layer%young*layer%area/x%length, one, follows, .false.)
+      call add(4*change, layer%young*layer%area/x%length/3, ends, follows, .false.)
+      call add(mean_turn, layer%young*layer%second/x%length, -face, follows, .true.)
+      call add(4*change_turn, layer%young*layer%second/x%length/3, -face*ends, follows, .true.)
+      if (layer%core == 0) return
+      p = 3 + 3*layer%core
+      do j = 1, 2
+        xi = 0.5_wp + (j - 1.5_wp)/sqrt(3.0_wp)
+        own = 0.0_wp
+        own(p - 2:p) = [1 - xi, xi, 4*xi*(1 - xi)]
+        call add(own, layer%shear*layer%area*x%length/2, 0*one, layer%follows, .true.)
+        x%shear(n) = .true.
+      end do
+    end subroutine add_sliding
+
     !> Adds a row, unless nothing moves it.
-    subroutine add(l, row, stiffness, strain, follows, angle)
-      integer, intent(in) :: l
+    subroutine add(row, stiffness, strain, follows, angle)
       real(wp), intent(in) :: row(:)           !! [-], [m]
       real(wp), intent(in) :: stiffness        !! [N/m], [N m]
       real(wp), intent(in) :: strain(4)        !! of the faces at both ends, times the length [-], [m]
       logical, intent(in) :: follows           !! the layer's terms follow the row
-      logical, intent(in), optional :: angle   !! the row is an angle
+      logical, intent(in) :: angle             !! the row is an angle
       if (.not. any(abs(row) > 0.0_wp)) return
       n = n + 1
       rows(n, :) = row
@@ -146,7 +158,7 @@ contains
       x%ray_k(n) = s%layers(l)%ray_k
       x%layer(n) = l
       x%material(n) = merge(s%layers(l)%material, 0, follows)
-      x%angle(n) = present(angle)
+      x%angle(n) = angle
       x%strain(:, n) = strain/x%length
       x%shear(n) = .false.
     end subroutine add
