@@ -1,7 +1,6 @@
 !> Tells where an analysis leaves the band of frequencies in which the modulus of a material is known (`band` of &material).
 module material_band
   use kinds, only: wp, pi
-  use deck_temperature, only: material_name
   use scene_run, only: run_state
   use text, only: es_text, fixed_text, to_text
   implicit none (type, external)
@@ -69,8 +68,8 @@ contains
     character(*), intent(in) :: what              !! what lies outside
     character(:), allocatable :: text
     associate (m => run%d%materials(k))
-      text = what//' outside the band of material "'//trim(material_name(run%d, k))//'", '//figure(m%band(1)/m%law%slower)// &
-             ' to '//figure(m%band(2)/m%law%slower)//' Hz: its modulus is not known there'//new_line('a')
+      text = what//' outside the band of material "'//trim(m%label)//'", '//figure(m%band(1)/m%law%slower)//' to '// &
+             figure(m%band(2)/m%law%slower)//' Hz: its modulus is not known there'//new_line('a')
     end associate
   end function warning
 

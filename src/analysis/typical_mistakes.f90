@@ -6,7 +6,7 @@ module typical_mistakes
   use build_factors, only: gives_back
   use deck_origin, only: origin
   use deck_records, only: deck, marker_record
-  use deck_temperature, only: has_shift, material_used
+  use deck_temperature, only: has_shift
   use posix, only: tell
   use text, only: quoted, to_text
   implicit none (type, external)
@@ -16,6 +16,7 @@ module typical_mistakes
   real(wp), parameter :: slowest = 10.0_wp, fastest = 2.0e4_wp   !! sound in bars of any solid, rubber to diamond [m/s]
   real(wp), parameter :: deepest = 2.0_wp      !! a section of more than this beside gravity is in millimetres [m]
   real(wp), parameter :: longest = 1000.0_wp   !! a body of more than this is [m]
+  character(*), parameter :: idle = 'temperature changes nothing: no material of it has wlf, arrhenius or vertical'
   real(wp), parameter :: thin = 0.1_wp         !! a body of more than 10 m with less than this a metre is, too [kg/m]
 
 contains
@@ -26,7 +27,6 @@ contains
     logical, intent(in) :: check          !! a deck that is only checked needs no analysis
     integer :: k
     call idle_parts(d)
-    call idle_temperatures(d)
     do k = 1, merge(size(d%forces), 0, check)
       call warn_if(gives_back(d, d%forces(k)), d%forces(k)%at, 'it follows a place on both ways: what it takes on one it gives '// &
                    'back on the other. To act on one stroke alone it needs a history of kind=''switch''')
@@ -56,22 +56,13 @@ contains
     if (.not. d%transient%accuracy > 0.0_wp) call warn_if(max(d%sensors%accuracy, d%sensors%floor) > 0.0_wp, d%sensors%at, &
       'accuracy and floor are those of a &transient with accuracy: nothing uses them here')
     call warn_if(max(d%lumps%mass, d%lumps%inertia) <= 0.0_wp, d%lumps%at, 'mass and inertia are 0: it adds nothing')
-  end subroutine idle_parts
-
-  !> Temperatures on which nothing depends, laws that move no times.
-  subroutine idle_temperatures(d)
-    type(deck), intent(in) :: d
-    character(*), parameter :: idle = 'temperature changes nothing: no material of it has wlf, arrhenius or vertical'
-    logical :: moves(size(d%materials))
-    integer :: k
-    moves = has_shift(d%materials%law)
-    call warn_if(d%scene%temperature < huge(1.0_wp) .and. .not. (any(moves) .or. any(has_shift(d%springs%law))), d%scene%at, idle)
-    if (.not. any(d%bodies%temperature < huge(1.0_wp))) return
-    moves = [(moves(k) .and. material_used(d, k), k=1, size(moves))]
+    call warn_if(d%scene%temperature < huge(1.0_wp) .and. .not. (any(has_shift(d%materials%law)) .or. any(has_shift( &
+                 d%springs%law)) .or. any(d%bodies%thermal_resistance > 0.0_wp)), d%scene%at, idle)
     do k = 1, size(d%bodies)
-      call warn_if(d%bodies(k)%temperature < huge(1.0_wp) .and. .not. any(moves .and. d%materials%body == k), d%bodies(k)%at, idle)
+      call warn_if(d%bodies(k)%temperature < huge(1.0_wp) .and. .not. (any(has_shift(d%materials%law) .and. d%materials%body == &
+                   k) .or. d%bodies(k)%thermal_resistance > 0.0_wp), d%bodies(k)%at, idle)
     end do
-  end subroutine idle_temperatures
+  end subroutine idle_parts
 
   !> Materials of flexible bodies whose speed of sound is that of no solid.
   subroutine odd_materials(d)

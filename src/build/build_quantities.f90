@@ -1,5 +1,6 @@
 !> What sensors of the deck show, in terms of the model: quantities of motion, of each its kind, and sources of power.
 module build_quantities
+  use kinds, only: wp
   use build_markers, only: elastic_marker, find_marker, marker_table
   use deck_records, only: deck, marker_record, sensor_record
   use measure, only: measure_model
@@ -59,12 +60,14 @@ contains
     item%ib = find_marker(s, markers, b)
   end subroutine make_quantity
 
-  !> Sources whose powers are integrated, in the deck's order of their sensors.
+  !> Sources whose powers are integrated, in the deck's order of their sensors, then bodies that their losses warm.
   subroutine list_integrated(d, s)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s              !! its constraints and force elements are made
     integer :: k, n
-    allocate (s%integrated(count(d%sensors%quantity == 'work' .or. d%sensors%quantity == 'energy')))
+    n = count(d%bodies%thermal_resistance > 0.0_wp)
+    allocate (s%integrated(n + count(d%sensors%quantity == 'work' .or. d%sensors%quantity == 'energy')))
+    s%integrated(size(s%integrated) - n + 1:)%body = pack([(k, k=1, size(d%bodies))], d%bodies%thermal_resistance > 0.0_wp)
     n = 0
     do k = 1, size(d%sensors)
       if (.not. any(d%sensors(k)%quantity == [character(6) :: 'work', 'energy'])) cycle

@@ -11,7 +11,6 @@ module build_scene
   use build_quantities, only: list_integrated
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use sorting, only: sort_by_number
-  use deck_temperature, only: material_name
   use deck_records, only: column_record, deck
   use internal_variables, only: internal_state
   use number_range, only: check_laws, check_distances
@@ -29,10 +28,9 @@ contains
     type(deck), intent(in) :: d
     type(scene), intent(out) :: s
     type(fault_list), intent(inout) :: faults
-    integer :: k
     type(column_record), allocatable :: watched(:)   ! columns that the watches of factors watch
     s%title = d%scene%title
-    s%materials = [(material_name(d, k), k=1, size(d%materials))]
+    s%materials = d%materials%label
     s%gravity = d%scene%gravity
     call check_laws(d, faults)
     call check_users(d, faults)

@@ -39,7 +39,7 @@ module scene_model
     real(wp) :: gravity(2) = 0.0_wp             !! [m/s2]
     real(wp) :: size = 1.0_wp                   !! S: largest distance between two markers of one body or of the ground [m]
     type(body_model), allocatable :: bodies(:)
-    character(80), allocatable :: materials(:)  !! names, for messages
+    character(68), allocatable :: materials(:)  !! names, for messages
     integer, allocatable :: qo(:)               !! (nb) offset of each body's x in q, from 0
     type(marker_model), allocatable :: markers(:) !! of joints, drives, springs and loads
     type(constraint_box), allocatable :: constraints(:)   !! joints in deck order, drives, then rows that switch

@@ -6,7 +6,7 @@ module summary
   use controller, only: delay_limit
   use deck_parts, only: law_record
   use deck_records, only: deck
-  use deck_temperature, only: has_shift, material_name, material_used
+  use deck_temperature, only: has_shift
   use mechanism, only: mechanism_model
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, one_line
@@ -14,7 +14,7 @@ module summary
   use text, only: either, in_quotes, to_text
   implicit none (type, external)
   private
-  public :: model_lines, version
+  public :: model_lines, temperature_lines, version
 
 contains
 
@@ -46,6 +46,12 @@ contains
     end do
     call text%close()
     call temperature_lines(d, text)
+    do k = 1, size(d%springs)
+      associate (s => d%springs(k))
+        if (s%thermal_resistance > 0.0_wp) call text%line('  spring "'//trim(s%name)//'", warmed by its losses in the cycle, '// &
+          to_text(s%thermal_resistance)//' K/W from '//to_text(s%law%temperature)//' C')
+      end associate
+    end do
     associate (s => m%s, terms => m%s%nz - sum(m%s%controllers%states))
       call text%line('  coordinates: {frame_coordinates #} of frames + {elastic_coordinates #} elastic = {coordinates #}', &
                      [real(wp) :: 3*size(s%bodies), s%nq - 3*size(s%bodies), s%nq])
@@ -96,6 +102,8 @@ contains
                       [real(wp) :: 3*b%nn, b%nf - count(b%dof(:3, :) > 0)])
       end if
       if (b%stiffening) call text%say(', geometric stiffening')
+      if (d%bodies(k)%thermal_resistance > 0.0_wp) call text%say(', warmed by its '// &
+        'losses in the cycle, {thermal_resistance} K/W from {ambient} C', [d%bodies(k)%thermal_resistance, d%bodies(k)%temperature])
       call text%member('dissipative_coordinates', to_text(b%nz))
       call text%word(', ', 'damping', damping_words(d, b, k))
       if (b%extra_references > 0) call text%say('; {extra_references #} reference conditions more than needed: stiffer than '// &
@@ -105,39 +113,29 @@ contains
     end subroutine body_line
   end subroutine model_lines
 
-  !> What depends on a temperature, and how; viscoelastic materials that do not, where others do.
+  !> What depends on a temperature, and how.
   subroutine temperature_lines(d, text)
     type(deck), intent(in) :: d
     type(summary_record), intent(inout) :: text
-    logical :: moves(size(d%materials)), used(size(d%materials))
     integer :: k
-    moves = has_shift(d%materials%law)
-    if (.not. (any(moves) .or. any(has_shift(d%springs%law)))) return
-    used = [(material_used(d, k), k=1, size(d%materials))]
-    moves = moves .and. used
+    if (.not. (any(has_shift(d%materials%law)) .or. any(has_shift(d%springs%law)))) return
     call text%open('temperatures', '[')
     do k = 1, size(d%materials)
-      if (moves(k)) call one_line_of('material', trim(material_name(d, k)), d%materials(k)%law)
+      if (has_shift(d%materials(k)%law)) call one_law('material', trim(d%materials(k)%label), 'modulus', d%materials(k)%law)
     end do
     do k = 1, size(d%springs)
-      if (has_shift(d%springs(k)%law)) call one_line_of('spring', trim(d%springs(k)%name), d%springs(k)%law)
+      if (has_shift(d%springs(k)%law)) call one_law('spring', trim(d%springs(k)%name), 'stiffness', d%springs(k)%law)
     end do
     call text%close()
-    do k = 1, size(d%materials)
-      associate (law => d%materials(k)%law)
-        if (used(k) .and. .not. moves(k) .and. size(law%ghm_alpha) + size(law%prony_alpha) > 0) call text%line( &
-          '  note: the terms of material "'//trim(material_name(d, k))//'" depend on no temperature')
-      end associate
-    end do
   contains
     !> One material or spring.
-    subroutine one_line_of(kind, name, law)
+    subroutine one_law(kind, name, modulus, law)
       character(*), intent(in) :: kind, name
+      character(*), intent(in) :: modulus      !! what it is called
       type(law_record), intent(in) :: law
       call text%item('  '//kind//' "{'//kind//'='//name//'}" at {temperature} C: times are {times 4} of those at '// &
-                     '{reference_temperature} C, '//either('modulus', 'stiffness', kind == 'material')//' {modulus 4}', &
-                     [law%temperature, law%slower, law%reference, law%stiffer])
-    end subroutine one_line_of
+        '{reference_temperature} C, '//modulus//' {modulus 4}', [law%temperature, law%slower, law%reference, law%stiffer])
+    end subroutine one_law
   end subroutine temperature_lines
 
   !> States of the controllers, and how far the approximations of delays go.

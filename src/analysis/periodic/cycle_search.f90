@@ -55,6 +55,7 @@ module cycle_search
   contains
     procedure :: begin
     procedure :: find_cycle
+    procedure :: search_again
     procedure :: halve_steps
     procedure :: turn_again
     procedure :: find_multipliers
@@ -213,6 +214,21 @@ contains
     self%turns_to_cycle = self%turns
   end subroutine find_cycle
 
+  !> The cycle of another map, from the start of the last one.
+  subroutine search_again(self, run, first)
+    class(cycle_state), intent(inout) :: self
+    type(run_state), intent(inout) :: run
+    real(wp), intent(inout), optional :: first       !! largest change in its first turn, of the scales [-]
+    type(turn_result) :: last
+    last = self%turn
+    self%residual = huge(1.0_wp)
+    self%found = .false.
+    call make_turn(self, run, last%start, self%period, self%turn)
+    if (self%fail%happened() .or. self%turn%lost) return
+    if (present(first)) first = maxval(abs(self%map%change(self%turn)))
+    call self%find_cycle(run)
+  end subroutine search_again
+
   !> The same cycle with twice the steps, which tells the error of the first one.
   subroutine halve_steps(self, run)
     class(cycle_state), intent(inout) :: self
@@ -221,12 +237,8 @@ contains
     coarse = self%turn
     self%coarse = coarse%start
     self%steps = 2*self%steps
-    self%residual = huge(1.0_wp)
-    self%found = .false.
-    call make_turn(self, run, coarse%start, self%period, self%turn)
+    call self%search_again(run, self%start_error)
     if (self%fail%happened() .or. self%turn%lost) return
-    self%start_error = maxval(abs(self%map%change(self%turn)))
-    call self%find_cycle(run)
     associate (moved => abs(self%map%scaled(self%turn%start) - self%map%scaled(coarse%start)))
       self%start_error = max(self%start_error, maxval(moved))
     end associate

@@ -7,6 +7,7 @@ module periodic_analysis
   use orbit_file, only: read_orbit, write_orbit
   use periodic_words, only: cycle_lines, explain_cycle, write_floquet
   use scene_run, only: run_state
+  use self_heating, only: heat_balance
   use summary_text, only: summary_record
   implicit none (type, external)
   private
@@ -20,6 +21,7 @@ contains
     type(summary_record), intent(inout) :: text
     type(failure), intent(inout) :: fail
     type(cycle_state) :: cycle
+    type(heat_balance) :: heat
     real(wp) :: now, before                   ! largest error, of this and of the last number of steps [-]
     if (run%restart) then
       call run%turns%exchange(run%saved)
@@ -42,6 +44,8 @@ contains
       cycle%error = [real(wp) ::]
       call cycle%begin(run)
       if (.not. (cycle%fail%happened() .or. cycle%lost_first)) call cycle%find_cycle(run)
+      call heat%begin(run)
+      if (size(heat%part) > 0) call heat%settle(run, cycle)
       if (cycle%found) call cycle%find_multipliers(run, p%multipliers)
       now = huge(1.0_wp)
       do while (cycle%found .and. (accuracy > 0.0_wp .or. run%d%transient%check_error))
@@ -62,7 +66,7 @@ contains
     run%y = cycle%turn%start
     call write_orbit(run, cycle%period, fail)
     call write_floquet(run, cycle, fail)
-    call cycle_lines(run, cycle, text)
+    call cycle_lines(run, cycle, heat, text)
   end subroutine run_periodic
 
   !> The transient follows the cycle: a period that was sought has as many steps and rows as the deck asks of the guess.

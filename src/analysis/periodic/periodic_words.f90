@@ -7,6 +7,7 @@ module periodic_words
   use readable_text, only: json_text
   use scene_model, only: scene
   use scene_run, only: run_state, no_output
+  use self_heating, only: heat_balance
   use summary_text, only: summary_record
   use switching, only: element_name, switch_event
   use text, only: either, quoted, short_text, to_text
@@ -97,9 +98,10 @@ contains
   end subroutine refuse_rest
 
   !> The part of the summary.
-  subroutine cycle_lines(run, cycle, text)
+  subroutine cycle_lines(run, cycle, heat, text)
     type(run_state), intent(inout) :: run
     type(cycle_state), intent(in) :: cycle
+    type(heat_balance), intent(in) :: heat
     type(summary_record), intent(inout) :: text
     integer :: k, n
     call text%section('periodic', 'periodic')
@@ -107,6 +109,7 @@ contains
       'turns: {turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, &
       cycle%turns_to_cycle, cycle%turn%steps, cycle%turns, cycle%turn%end(2*run%sys%m%s%nq + run%sys%m%s%nz + run%sys%m%s%nzd + 1)])
     call loss_lines(run, cycle%turn%end, .true., text)
+    call heat%lines(run, text)
     if (cycle%start_error >= 0.0_wp) then
       call text%line('  error of the start: {error 1} of the ranges, by half the steps; of each column there:', [cycle%start_error])
       call text%table('errors_of_columns', run%list%column%label(), &

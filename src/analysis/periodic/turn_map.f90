@@ -52,6 +52,7 @@ contains
     logical, allocatable :: repeats(:), angle(:)
     integer :: b, k
     run%sys%options%stage = stage_transient
+    if (allocated(self%system)) deallocate (self%system)
     allocate (self%system, source=run%sys)
     self%r = run%d%transient
     call choose_steps(self%r, run%stable_steps)

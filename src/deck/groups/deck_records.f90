@@ -18,6 +18,7 @@ module deck_records
 
   type, extends(material_values), public :: material_record
     integer :: body = 0                      !! that has the material at a temperature of its own; 0: the material of the deck
+    character(68) :: label = ''              !! its name, 'm in b' of a body's own
   end type material_record
 
   type, extends(section_values), public :: section_record

@@ -11,7 +11,7 @@ module deck_temperature
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: check_shift, set_temperatures, has_shift, material_name, material_used
+  public :: check_shift, set_temperatures, warm, has_shift
 
   real(wp), parameter :: gas = 8.314462618_wp          !! molar gas constant [J/(mol K)]
   real(wp), parameter :: zero_celsius = 273.15_wp      !! [K]
@@ -21,17 +21,12 @@ contains
   !> Keys of the law of a temperature, of a material or spring: which belong together.
   subroutine check_shift(deck)
     class(deck_source), intent(inout) :: deck
-    character(*), parameter :: at(2) = [character(21) :: 'reference_temperature', 'temperature']
-    integer :: k
     call deck%forbid_both('wlf', 'arrhenius', ': one law moves the times')
     if (deck%is_given('wlf') .or. deck%is_given('arrhenius') .or. deck%is_given('vertical')) then
       call deck%need('reference_temperature')
-      return
+    else if (deck%is_given('temperature') .and. .not. deck%is_given('thermal_resistance')) then
+      call deck%complain('temperature', 'temperature has no effect without a law, expected wlf, arrhenius or vertical')
     end if
-    do k = 1, 2
-      if (deck%is_given(trim(at(k)))) call deck%complain(trim(at(k)), trim(at(k))//' has no effect without a law of '// &
-        'temperature, expected wlf, arrhenius or vertical')
-    end do
   end subroutine check_shift
 
   !> Whether anything depends on the temperature.
@@ -49,12 +44,11 @@ contains
     problem = ''
     shift = 0.0_wp
     associate (warmer => temperature - law%reference)
-      if (law%wlf(1) > 0.0_wp) then
-        if (warmer <= -law%wlf(2)) then
-          problem = 'wlf has no value at '//to_text(temperature)//' C, expected a temperature above '// &
-                    to_text(law%reference - law%wlf(2))//' C: reference_temperature less C2'
-          return
-        end if
+      if (law%wlf(1) > 0.0_wp .and. warmer <= -law%wlf(2)) then
+        problem = 'wlf has no value at '//to_text(temperature)//' C, expected a temperature above '// &
+                  to_text(law%reference - law%wlf(2))//' C: reference_temperature less C2'
+        return
+      else if (law%wlf(1) > 0.0_wp) then
         shift = -law%wlf(1)*warmer/(law%wlf(2) + warmer)
       else if (law%arrhenius > 0.0_wp) then
         shift = law%arrhenius/(gas*log(10.0_wp))*(1/(temperature + zero_celsius) - 1/(law%reference + zero_celsius))
@@ -76,18 +70,28 @@ contains
     type(fault_list), intent(inout) :: faults
     integer :: k
     if (faults%count > 0) return
+    do k = 1, size(d%bodies)
+      if (d%bodies(k)%thermal_resistance > 0.0_wp) call set_ambient(d%bodies(k)%temperature, d%bodies(k)%at)
+    end do
     call give_own_materials(d)
     do k = 1, size(d%materials)
-      associate (m => d%materials(k))
-        if (m%body == 0 .or. material_used(d, k)) call set_one(m%law, m%at)
-      end associate
+      call set_one(d%materials(k)%law, d%materials(k)%at)
     end do
     do k = 1, size(d%springs)
-      associate (s => d%springs(k))
-        call set_one(s%law, s%at)
-      end associate
+      if (d%springs(k)%thermal_resistance > 0.0_wp) call set_ambient(d%springs(k)%law%temperature, d%springs(k)%at)
+      call set_one(d%springs(k)%law, d%springs(k)%at)
     end do
   contains
+    !> The ambient temperature of a body or spring that its losses warm: its own, or that of the scene.
+    subroutine set_ambient(temperature, at)
+      real(wp), intent(inout) :: temperature           !! huge: not given [C]
+      type(origin), intent(in) :: at                   !! its group
+      if (.not. temperature < huge(1.0_wp)) temperature = d%scene%temperature
+      if (.not. temperature < huge(1.0_wp)) call at%blame(faults, 'thermal_resistance without an ambient temperature, expected '// &
+        'temperature of the group or of &scene')
+      if (.not. d%periodic%present) call at%blame(faults, 'thermal_resistance belongs to the losses of a cycle, expected &periodic')
+    end subroutine set_ambient
+
     !> One law: its own temperature, or that of the scene, or its reference.
     subroutine set_one(law, at)
       type(law_record), intent(inout) :: law
@@ -100,51 +104,58 @@ contains
     end subroutine set_one
   end subroutine set_temperatures
 
-  !> Bodies at temperatures of their own: each has a copy of all materials.
+  !> Sets the temperatures of bodies with materials of their own, and of springs. Where a law has no value the problem is told.
+  subroutine warm(d, part, temperature, problem)
+    type(deck_record), intent(inout) :: d
+    integer, intent(in) :: part(:)                     !! numbers of bodies, or of springs behind all bodies
+    real(wp), intent(in) :: temperature(:)             !! of each [C]
+    character(:), allocatable, intent(out) :: problem  !! empty: none
+    integer :: k, i
+    problem = ''
+    do k = 1, size(part)
+      if (part(k) > size(d%bodies)) call shift_law(d%springs(part(k) - size(d%bodies))%law, temperature(k), problem)
+      do i = 1, size(d%materials)
+        if (len(problem) > 0) return
+        if (d%materials(i)%body == part(k)) call shift_law(d%materials(i)%law, temperature(k), problem)
+      end do
+    end do
+  end subroutine warm
+
+  !> Bodies at temperatures of their own: each has a copy of all materials. A material without use keeps no law.
   subroutine give_own_materials(d)
     type(deck_record), intent(inout) :: d
     type(material_record), allocatable :: materials(:)
-    integer :: k, i, n, last
+    logical :: used(size(d%materials)*(1 + count(d%bodies%temperature < huge(1.0_wp))))
+    integer :: k, i, n, e
     n = size(d%materials)
-    allocate (materials(n*(1 + count(d%bodies%temperature < huge(1.0_wp)))))
-    materials(:n) = d%materials
-    last = n
+    allocate (materials(size(used)))
+    do i = 1, size(used)
+      materials(i) = d%materials(1 + mod(i - 1, n))
+    end do
+    used = .false.
+    i = 0
     do k = 1, size(d%bodies)
       associate (b => d%bodies(k))
-        if (.not. b%temperature < huge(1.0_wp)) cycle
-        b%own_materials = last
-        b%element_material = b%element_material + last
-        do i = 1, n
-          materials(last + i) = d%materials(i)
-          materials(last + i)%body = k
-          materials(last + i)%law%temperature = b%temperature
+        if (b%temperature < huge(1.0_wp)) then
+          i = i + n
+          b%own_materials = i
+          b%element_material = b%element_material + i
+          materials(i + 1:i + n)%body = k
+          materials(i + 1:i + n)%law%temperature = b%temperature
+        end if
+        used(b%element_material) = .true.
+        do e = 1, b%elements
+          used(b%own_materials + d%sections(b%element_section(e))%layers) = .true.
         end do
-        last = last + n
       end associate
+    end do
+    do i = 1, size(used)
+      materials(i)%label = materials(i)%name
+      if (materials(i)%body > 0) materials(i)%label = trim(materials(i)%name)//' in '//d%bodies(materials(i)%body)%name
+      if (.not. used(i)) materials(i)%law%wlf = 0.0_wp
+      if (.not. used(i)) materials(i)%law%arrhenius = 0.0_wp
+      if (.not. used(i)) materials(i)%law%vertical = 0.0_wp
     end do
     call move_alloc(materials, d%materials)
   end subroutine give_own_materials
-
-  !> The name of a material, with that of the body that has it at a temperature of its own.
-  pure character(80) function material_name(d, k) result(name)
-    type(deck_record), intent(in) :: d
-    integer, intent(in) :: k                           !! number of the material
-    name = d%materials(k)%name
-    if (d%materials(k)%body > 0) name = trim(name)//' in '//d%bodies(d%materials(k)%body)%name
-  end function material_name
-
-  !> Whether a body has a material, in its elements or their layers.
-  pure logical function material_used(d, material) result(yes)
-    type(deck_record), intent(in) :: d
-    integer, intent(in) :: material                    !! its number
-    integer :: k, e
-    yes = .false.
-    do k = 1, size(d%bodies)
-      yes = any(d%bodies(k)%element_material == material)
-      do e = 1, merge(0, size(d%bodies(k)%element_section), yes)
-        yes = yes .or. any(d%sections(d%bodies(k)%element_section(e))%layers + d%bodies(k)%own_materials == material)
-      end do
-      if (yes) return
-    end do
-  end function material_used
 end module deck_temperature
