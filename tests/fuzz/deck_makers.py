@@ -85,6 +85,7 @@ def group_of(dice: random.Random, name: str, text: str, without: str = "", chanc
 
 
 DRAWN = ("real", "pair", "integer", "auto", "logical", "word", "choice")  # what needs nothing else of the deck
+SHIFT = "wlf arrhenius vertical reference_temperature temperature thermal_resistance"
 PLACES = "point point_a point_b node node_a node_b node_c at at_a at_b at_c"  # of markers: theirs is the body's kind
 
 
@@ -101,12 +102,19 @@ def terms(dice: random.Random) -> str:
     return text
 
 
+def shift(dice: random.Random) -> str:
+    """Return a law of temperature and a temperature that is often near its reference, or none."""
+    law = dice.choice([f"wlf={some(dice, 0, 1.5)},{some(dice, 1, 2.5)}", f"arrhenius={some(dice, 3, 6)}", "vertical=1e-3"])
+    at = maybe(dice, 0.5, f" temperature={dice.uniform(-60, 200):.4g}")
+    return maybe(dice, 0.4, f" {law} reference_temperature={dice.uniform(-50, 150):.4g}{at}")
+
+
 def materials(dice: random.Random) -> str:
     """Return two materials and two sections."""
     text = ""
     for name in "mn":
         law = terms(dice)
-        text += group_of(dice, "material", f"name='{name}'{law}", "" if law else "ghm_frequency_scale")
+        text += group_of(dice, "material", f"name='{name}'{law}{shift(dice)}", SHIFT + " ghm_frequency_scale" * (not law))
     shapes = [
         "area=1e-4 inertia=1e-9",
         "shape='rectangle' width=0.02 height=0.01",
@@ -135,7 +143,7 @@ def body(dice: random.Random, name: str) -> tuple[str, str, int]:
     made = f"length={some(dice, -1.5, 0.5)} elements={nodes - 1} node_x={x} node_y={y} element_nodes={pairs} section='s' {option}"
     made += dice.choice([" material='m'", f" element_material={each}"]) if kind == "beam" else " material='n'"
     at = f"position={dice.uniform(-1, 1):.3f},{dice.uniform(-1, 1):.3f} angle={dice.uniform(-3, 3):.3f}"
-    without = "flexible viscoelastic modulus_at axial stiffening modes static_shapes reference"
+    without = "flexible viscoelastic modulus_at axial stiffening modes static_shapes reference thermal_resistance"
     text = group_of(dice, "body", f"name='{name}' kind='{kind}' {at} {made if nodes else ''}", without)
     return text, kind, nodes if "flexible" not in option else -nodes
 
@@ -181,7 +189,7 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         kind = dice.choice(["linear", "torsional"])
         law = dice.choice([f"stiffness={some(dice, 0, 4)}", f"stiffness={some(dice, 0, 4)}{terms(dice)}", f"characteristic='h{k}'"])
         where = sides(dice, bodies, turns=kind == "torsional")
-        text += group_of(dice, "spring", f"name='k{k}' type='{kind}' {where} {law}", f"stiffness {PLACES}")
+        text += group_of(dice, "spring", f"name='k{k}' type='{kind}' {where} {law}{shift(dice)}", f"stiffness {PLACES} {SHIFT}")
     for k in range(dice.choice([0, 1, 1, 2])):
         name, nodes = dice.choice(bodies)
         kind = dice.choice(["force", "torque", "torque_about"])
