@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import signal
 import subprocess
@@ -548,6 +549,7 @@ def test_restart(run_deck, biela, tmp_path, killed):
     interval = ("--set", "transient/checkpoint_interval=0.1") if killed else ()
     whole = run_deck(deck, *interval, "--output", "whole", name="rod")
     parts = tmp_path / "parts"
+    moments = itertools.count(0.02, 0.02)  # of the search for the cycle one of them, on a fast machine and on a slow one [s]
 
     def interrupted():
         command = [str(biela), *interval, "--output", "parts", "rod.nml"]
@@ -557,7 +559,7 @@ def test_restart(run_deck, biela, tmp_path, killed):
             process.kill()
             process.communicate()
             return not (parts / "history.txt").exists() or None
-        time.sleep(0.3)
+        time.sleep(next(moments))
         process.send_signal(signal.SIGINT)
         told = process.communicate()[1]
         return told if process.returncode == 128 + signal.SIGINT and "turns" in told else None
