@@ -82,13 +82,18 @@ contains
     value = max(abs(self%low), abs(self%high))
     do k = 1, size(columns)
       associate (unit => columns(k)%unit)
-        largest(k) = max(unit_scale(trim(unit), sum(s%bodies%mass), s%size, time, stress_by_moment), &
-                         maxval(value, columns%unit == unit))
-        if (unit == 'Nm') largest(k) = max(largest(k), s%size*maxval(value, columns%unit == 'N'))
-        if (unit == 'N') largest(k) = max(largest(k), maxval(value, columns%unit == 'Nm')/s%size)
-        if (unit == 'Pa') largest(k) = max(largest(k), stress_by_moment*maxval(value, columns%unit == 'Nm'))
+        largest(k) = max(unit_scale(trim(unit), sum(s%bodies%mass), s%size, time, stress_by_moment), largest_of(trim(unit)))
+        if (unit == 'Nm') largest(k) = max(largest(k), s%size*largest_of('N'))
+        if (unit == 'N') largest(k) = max(largest(k), largest_of('Nm')/s%size)
+        if (unit == 'Pa') largest(k) = max(largest(k), stress_by_moment*largest_of('Nm'))
       end associate
     end do
+  contains
+    !> Of all columns of a unit; none: 0.
+    pure real(wp) function largest_of(unit)        ! [of the unit]
+      character(*), intent(in) :: unit
+      largest_of = max(0.0_wp, maxval(value, columns%unit == unit))
+    end function largest_of
   end function sizes
 
   !> A value of a unit, made of a mass, a length and a time [of the unit].

@@ -84,7 +84,7 @@ contains
       layered = .false.
       do e = 1, size(layered)
         if (b%element_section(e) == 0) cycle
-        if (allocated(sections(b%element_section(e))%layers)) layered(e) = size(sections(b%element_section(e))%layers) > 0
+        layered(e) = size(sections(b%element_section(e))%layers) > 0
       end do
       if (.not. any(layered)) then
         if (.not. deck%is_given('element_material')) call deck%need('material')
@@ -99,6 +99,7 @@ contains
       if (deck%is_given('element_material')) call deck%complain('element_material', 'element_material has no effect where '// &
         'sections have layers, expected it not to be given')
       if (.not. deck%is_clean()) return
+      if (any([(size(sections(b%element_section(e))%thickness) == 0, e=1, size(layered))])) return
       call need_cores(any([(size(sections(b%element_section(e))%cores) > 0, e=1, size(layered))]))
       first = b%element_section(1)
       do e = 1, size(layered)

@@ -111,6 +111,10 @@ contains
       s%inertia = pi/64.0_wp*(s%outer**4 - s%inner**4)
       s%fibre = s%outer/2.0_wp
     end if
+    if (.not. allocated(s%layers)) s%layers = [integer ::]
+    if (deck%is_clean()) return
+    s%thickness = [real(wp) ::]                      ! of a section with a fault no more is asked than whether it has layers
+    s%cores = [integer ::]
   contains
     !> A width is that of a rectangle or of layers.
     subroutine check_width()
