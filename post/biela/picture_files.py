@@ -35,8 +35,9 @@ class PlainLog(LogFormatterMathtext):
             return ""
         if x == 0.0:
             return "0"
-        factor, _, power = f"{abs(x):.0e}".partition("e")
-        return ("−" if x < 0.0 else "") + f"{factor}×10{str(int(power)).translate(RAISED)}".removeprefix("1×")
+        factor, _, power = f"{x:.3e}".partition("e")
+        ten = f"10{str(int(power)).translate(RAISED)}"
+        return f"{float(factor):g}×{ten}".replace("-", "−") if abs(float(factor)) != 1.0 else ("−" if x < 0.0 else "") + ten
 
 
 def plain_numbers(figure: plt.Figure) -> None:

@@ -27,10 +27,10 @@ def draw(
     free = [k for k, parameter in enumerate(study.parameters) if len({row[k] for row in rows}) > 1]
     results = range(len(study.parameters), len(header) - 1)
     good = [row for row in rows if not row[-1]]
-    numeric = all(isinstance(row[k], (int, float)) for row in rows for k in free)
+    numeric = {k: all(isinstance(row[k], (int, float)) for row in rows) for k in free}
     if not free or not good:
         return []
-    if len(free) == 2 and numeric and all(len(study.parameters[k].values) > 1 for k in free) and _is_grid(rows, free):
+    if len(free) == 2 and all(numeric.values()) and all(len(study.parameters[k].values) > 1 for k in free) and _is_grid(rows, free):
         return [_map(study, header, rows, free, result, folder, best, limits) for result in results]
     groups: dict[object, list[int]] = {}  # orders of one column share a panel
     for result, scalar in zip(results, study.scalars):
@@ -41,14 +41,14 @@ def draw(
         for line, group in zip(axes, groups.values()):
             for axis, k in zip(line, free):
                 for colour, result in zip(COLOURS * len(group), group):
-                    points = sorted((row[k] if numeric else str(row[k]), row[result]) for row in good)
-                    style = "-" if len(free) == 1 and numeric else ""
+                    points = sorted((row[k] if numeric[k] else str(row[k]), row[result]) for row in good)
+                    style = "-" if len(free) == 1 and numeric[k] else ""
                     name = header[result].partition("[")[0] if len(group) > 1 else None
                     axis.plot(*zip(*points), f"{style}o", markersize=4, color=colour, label=name, clip_on=False)
                 if study.parameters[k].log:
                     axis.set_xscale("log")
                 axis.set_xlabel(pretty_unit(header[k].replace("[", " [")))
-                if len(free) == 1 and numeric:
+                if len(free) == 1 and numeric[k]:
                     _shade_unstable(axis, study, rows, k)
                 if axis.get_legend_handles_labels()[0]:
                     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=6)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from biela import animate, histories, mechanism, plot
+from biela import animate, histories, mechanism, picture_files, plot
 from biela.histories import HistoryError, read
 from biela.programs import animate as animate_command
 from biela.programs import plot as plot_command
@@ -400,3 +401,15 @@ def test_long_columns_keep_their_crests_in_few_points():
     assert len(shown) < 4 * plot.THINNED
     assert (along[0], along[-1], shown.max(), shown.min()) == (0.0, 1.0, 9.0, values.min())
     assert plot.thinned(np.cos(time), values)[0].size == time.size, "a path that turns back keeps all"
+
+
+def test_numbers_of_logarithmic_axes_are_plain_and_differ():
+    figure, (near, both) = plt.subplots(2, 1)
+    near.set_yscale("log")
+    near.plot([1, 2], [2.3e10, 2.9e10])
+    both.set_yscale("symlog", linthresh=10)
+    both.plot([1, 2], [-1.0e4, 2.0])
+    picture_files.lay_out(figure)
+    assert {text.get_text() for text in near.yaxis.get_minorticklabels()} >= {"2.3×10¹⁰", "2.4×10¹⁰", "2.9×10¹⁰"}
+    assert [text.get_text() for text in both.yaxis.get_majorticklabels()][-4:] == ["−10³", "−10²", "−10¹", "0"]
+    plt.close(figure)
