@@ -27,7 +27,7 @@ def speak(count: int, status: int = 0, **keywords) -> subprocess.Popen:
 
 @pytest.mark.parametrize(
     ("tool", "library", "words"),
-    [("spectrum", "scipy", ["run", "--columns", "a"]), ("plot", "matplotlib", ["run"]), ("optimise", "scipy", ["study.toml"])],
+    [("fit_material", "scipy", ["run.csv"]), ("plot", "matplotlib", ["run"]), ("optimise", "scipy", ["study.toml"])],
 )
 def test_a_library_that_is_missing_is_told(tmp_path, biela, tool, library, words):
     """A search loads scipy in a thread, when it begins."""
