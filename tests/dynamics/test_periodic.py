@@ -93,7 +93,7 @@ def test_bouncing_ball(run_deck, side):
 
 
 def test_ball_at_rest(run_deck):
-    """A table that throws the ball, which then rebounds endlessly often and rests: no freedom is left at t = 0, nothing lives on."""
+    """A table that throws the ball, which rebounds endlessly often and rests: no freedom is left at t = 0, nothing lives on."""
     deck = BALL.replace("name='e' value=0.8", "name='e' value=0.3").replace("name='A' value=0.0015", "name='A' value=0.0035")
     run = run_deck(deck.replace("value={k*acos(w/(A*2*pi/T))}", "value=-0.5").replace("phase={ph-pi}", "phase=-0.5"))
     assert run.figures["periodic"]["multipliers"] == []
