@@ -418,3 +418,25 @@ def test_bodies_of_equal_layers_move_as_each_would_alone(run_deck):
         size = np.ptp(np.asarray(alone["a" + column]))
         for one, reference in (("a", alone["a" + column]), ("b", alone["a" + column]), ("c", stiffer["c" + column])):
             assert np.abs(np.asarray(together[one + column]) - np.asarray(reference)).max() <= 1e-7 * size, (one, column)
+
+
+@pytest.mark.parametrize(("cores", "within"), [(0, 1e-9), (2, 1e-4)])
+def test_stresses_of_layers_at_the_root_are_those_of_equilibrium(cores, within, run_deck):
+    """E M (z - axis)/EI where the bending moment is largest, at the face farther from the axis; a stiff core changes little."""
+    modulus, height = np.array([2.1e11, 1e12, 7e10]), np.array([2e-3, 1e-5, 1e-3])
+    top = np.cumsum(height)
+    middle = top - height / 2
+    axis = (modulus * height) @ middle / (modulus @ height)
+    ei = 0.02 * modulus @ (height**3 / 12 + height * (middle - axis) ** 2)
+    deck = STEEL + (
+        "&material name='alu' density=2700.0 young=7e10 /\n&material name='glue' density=1000.0 young=1e12 poisson=0.0 /\n"
+        f"&section name='s' layers='steel','glue','alu' thickness=2e-3,1e-5,1e-3 width=0.02 cores={cores} /\n"
+        f"&body name='b' kind='beam' length=0.25 elements=4 section='s' reference='clamped' {'slip_held=1,-1' if cores else ''} /\n"
+        "&joint name='w' type='weld' body_a='b' node_a=1 /\n&force name='f' type='force' body='b' node=-1 fy=1.0 /\n"
+        + "".join(f"&sensor name='l{k}' quantity='layer' body='b' element=1 layer={k} /\n" for k in (1, 3))
+        + "&static /\n"
+    )
+    last = {name: np.asarray(column)[-1] for name, column in read_static(run_deck(deck)).items()}
+    for k in (1, 3):
+        far = max(abs(top[k - 1] - axis), abs(top[k - 1] - height[k - 1] - axis))
+        assert last[f"l{k}.s"] == pytest.approx(modulus[k - 1] * 0.25 * far / ei, rel=within)
