@@ -2,7 +2,7 @@
 module build_loads
   use build_history, only: make_history
   use build_law, only: law_of
-  use build_profiles, only: corners_of, make_pair
+  use build_profiles, only: make_pair, watch_pair
   use constraint, only: constraint_box
   use build_factors, only: factor_list, of_time, require_continuous
   use deck_records, only: column_record, deck, force_record, spring_record, stop_record, transient_record
@@ -81,13 +81,13 @@ contains
   contains
     !> Adds one where there are corners.
     subroutine watch(gap, number)
-      class(measure_model), intent(in) :: gap
+      class(measure_model), intent(inout) :: gap
       integer, intent(in) :: number          !! of its joint or stop, among constraints and force elements
       type(corner_watch), allocatable :: item
       type(force_box), allocatable :: all(:)
       integer :: j
       allocate (item)
-      item%corners = corners_of(gap, order)
+      call watch_pair(gap, order, size(s%corners) + 1, item%corners)
       if (size(item%corners) == 0) return
       item%switches = .true.
       item%name = 'corners'

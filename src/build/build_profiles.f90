@@ -17,7 +17,7 @@ module build_profiles
   use text, only: either, quoted, to_text
   implicit none (type, external)
   private
-  public :: corners_of, make_pair
+  public :: make_pair, watch_pair
 
   integer, parameter :: arcs = 64            !! into which the curve of a law is cut
   real(wp), parameter :: closes = 1.0e-9_wp  !! how far the end of a turn may be from its beginning, of the law's size [-]
@@ -55,20 +55,24 @@ contains
     call move_alloc(pair, item)
   end subroutine make_pair
 
-  !> Where derivatives of a pair's law jump; none, where there is no law.
-  function corners_of(gap, most_order) result(list)
-    class(measure_model), intent(in) :: gap
-    integer, intent(in) :: most_order
-    real(wp), allocatable :: list(:)                  ! places of its curve [rad]
-    allocate (list(0))
+  !> Gives a pair the number of what watches its corners, where derivatives of its law jump; none: there is no law, or no corner.
+  subroutine watch_pair(gap, most_order, number, corners)
+    class(measure_model), intent(inout) :: gap
+    integer, intent(in) :: most_order                 !! of derivatives of the law
+    integer, intent(in) :: number                     !! of the watcher
+    real(wp), allocatable, intent(out) :: corners(:)  !! places of its curve [rad]
+    allocate (corners(0))
     select type (gap)
     class is (pair_measure)
       select type (curve => gap%profile)
       class is (law_model)
-        list = curve%corners(most_order)
+        corners = curve%corners(most_order)
+        if (size(corners) == 0) return
+        curve%joints = [corners, corners(1) + 2*pi]
+        gap%watcher = number
       end select
     end select
-  end function corners_of
+  end subroutine watch_pair
 
   !> The factory of profiles.
   subroutine make_profile(d, r, item, faults)

@@ -2,6 +2,7 @@
 module marker_motion
   use kinds, only: wp
   use evaluation_results, only: evaluation
+  use force_element, only: on_a_piece
   use mechanism, only: mechanism_model
   use marker, only: add_modes, marker_model, marker_states, turn
   implicit none (type, external)
@@ -47,6 +48,9 @@ contains
       call one_marker(self%s%markers(k), ev%frame%cos(b), ev%frame%sin(b), q(i + 1:i + 3), v(i + 1:i + 3), n, &
                       q(i + 4:i + 3 + n), v(i + 4:i + 3 + n), ev%p, k)
     end do
+    n = size(self%s%switching) - size(self%s%corners)
+    if (n < size(self%s%switching)) ev%p%piece = merge(nint(ev%switches%event_value(n + 1:size(self%s%switching))), 0, &
+                                                       ev%switches%state(n + 1:size(self%s%switching)) == on_a_piece)
   end subroutine marker_kinematics
 
   !> States of the markers on rigid bodies, whose rho is constant.

@@ -16,6 +16,7 @@ module force_element
   integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
   integer, parameter, public :: stage_linear = 3   !! about a state that no static analysis has found: loads of all stages alone
   integer, parameter, public :: idle = 0   !! discrete state in which an element does nothing: a stop that is open
+  integer, parameter, public :: on_a_piece = 1   !! the one discrete state of what goes by pieces
   integer, parameter, public :: bilateral = huge(1)   !! state in which it is linearised as though it acted both ways
 
   !> Values on which an element may depend beside the motion of its markers and its internal variables.

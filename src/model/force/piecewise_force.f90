@@ -3,7 +3,7 @@
 !> its last event is a point of the present piece.
 module piecewise_force
   use kinds, only: wp
-  use force_element, only: by_position, bilateral, conditions, force_model, root_rounding, stage_static, watched_roots
+  use force_element, only: on_a_piece, by_position, bilateral, conditions, force_model, root_rounding, stage_static, watched_roots
   use history, only: history_model
   use history_pieces, only: first_piece, piece_beyond, piece_ends, piece_value
   use marker, only: marker_states
@@ -12,8 +12,6 @@ module piecewise_force
   private
 
   public :: follow
-
-  integer, parameter :: on_a_piece = 1     !! its one discrete state
 
   !> Such an element.
   type, abstract, extends(force_model), public :: piecewise_model

@@ -23,6 +23,7 @@ module contact_pair
     real(wp) :: radius = 0.0_wp            !! of the roller; 0: an edge, or a flat face [m]
     logical :: flat = .false.              !! the follower is a face
     real(wp) :: face = 0.0_wp              !! its normal, from section a [rad]
+    integer :: watcher = 0                 !! number of what watches the corners of its profile; 0: there is none
   contains
     procedure :: measure => pair_motion
     procedure :: acts_on => pair_components
@@ -51,10 +52,13 @@ contains
     type(profile_foot) :: foot
     type(profile_reach) :: reach
     real(wp) :: e(2), u(2), v(6), c, s
+    integer :: piece
+    piece = 0
+    if (self%watcher > 0 .and. allocated(p%piece)) piece = p%piece(self%watcher)
     e = p%r(:, self%ia) - p%r(:, self%ib)
     if (self%flat) then
       at%n = [cos(p%angle(self%ia) + self%face), sin(p%angle(self%ia) + self%face)]
-      reach = self%profile%support(p%angle(self%ia) + self%face - p%angle(self%ib))
+      reach = self%profile%support(p%angle(self%ia) + self%face - p%angle(self%ib), piece)
       at%x = dot_product(at%n, e) - reach%p(0)
       at%g = [at%n, dot_product(turn(at%n), e) - reach%p(1), -at%n, reach%p(1)]
       at%carrier = 3
@@ -67,7 +71,7 @@ contains
     else
       c = cos(p%angle(self%ib))
       s = sin(p%angle(self%ib))
-      foot = self%profile%nearest([c*e(1) + s*e(2), c*e(2) - s*e(1)])
+      foot = self%profile%nearest([c*e(1) + s*e(2), c*e(2) - s*e(1)], piece)
       at%n = [c*foot%n(1) - s*foot%n(2), s*foot%n(1) + c*foot%n(2)]
       at%x = foot%distance - self%radius
       at%bend = foot%curvature/max(1 + foot%curvature*foot%distance, least(self, foot))

@@ -46,14 +46,16 @@ module curve_profile
     procedure :: outline => curve_outline
     procedure :: cut
     procedure :: examine
+    procedure :: leaves => never_leaves
   end type curve_model
 
   abstract interface
     !> The place at u.
-    pure type(curve_place) function place_at(self, u) result(q)
+    pure type(curve_place) function place_at(self, u, piece) result(q)
       import :: curve_model, curve_place, wp
       class(curve_model), intent(in) :: self
       real(wp), intent(in) :: u              !! [any]
+      integer, intent(in) :: piece           !! that goes on beyond its ends; 0: none
     end function place_at
   end interface
 
@@ -67,10 +69,10 @@ contains
     real(wp) :: c(2, 0:samples)              ! [m]
     integer :: i, k
     allocate (self%ends(0:size(u) - 1), self%middle(2, size(u) - 1), self%radius(size(u) - 1))
-    self%ends(0) = self%at(u(0))
+    self%ends(0) = self%at(u(0), 0)
     do i = 1, size(u) - 1
       do k = 0, samples
-        q = self%at(u(i - 1) + (u(i) - u(i - 1))*k/samples)
+        q = self%at(u(i - 1) + (u(i) - u(i - 1))*k/samples, 0)
         c(:, k) = q%c
       end do
       self%ends(i) = q
@@ -81,9 +83,10 @@ contains
   end subroutine cut
 
   !> The nearest place. The distance to a place within an arc is least where (d - c).t falls through zero.
-  pure type(profile_foot) function nearest_of_arcs(self, d) result(foot)
+  pure type(profile_foot) function nearest_of_arcs(self, d, piece) result(foot)
     class(curve_model), intent(in) :: self
     real(wp), intent(in) :: d(2)             !! [m]
+    integer, intent(in) :: piece             !! on whose continuation the place is, where it lies beyond
     type(curve_place) :: best
     real(wp) :: f(0:size(self%radius))       ! (d - c).t at the ends of arcs [m]
     real(wp) :: bound(size(self%radius))     ! no place of the arc is nearer [m]
@@ -107,6 +110,7 @@ contains
       call compare(d, root(self, d, self%ends(i - 1:i)%u, f(i - 1:i)), best, least)
     end do
     if (least >= huge(1.0_wp)) call compare(d, self%ends(nearest_end()), best, least)   ! far away an arc may hide two places
+    if (self%leaves(piece, best%u)) call follow(self, piece, d, best)
     foot%n = best%n
     foot%distance = dot_product(d - best%c, best%n) + self%inset
     foot%curvature = inset_curvature(self, best%curvature)
@@ -136,6 +140,31 @@ contains
     best = other
   end subroutine compare
 
+  !> Whether a place is at or beyond an end of a piece; most curves have none.
+  pure logical function never_leaves(self, piece, u) result(yes)
+    class(curve_model), intent(in) :: self
+    integer, intent(in) :: piece             !! 0: none
+    real(wp), intent(in) :: u                !! [any]
+    yes = .false.
+  end function never_leaves
+
+  !> The nearest place on the continuation of a piece, from that on the curve.
+  pure subroutine follow(self, piece, d, q)
+    class(curve_model), intent(in) :: self
+    integer, intent(in) :: piece
+    real(wp), intent(in) :: d(2)             !! [m]
+    type(curve_place), intent(inout) :: q
+    real(wp) :: u, step
+    integer :: k
+    u = q%u
+    do k = 1, most_trials
+      q = self%at(u, piece)
+      step = along(q, d)/(q%speed*(1 + q%curvature*dot_product(d - q%c, q%n)))
+      if (abs(step) <= 2*spacing(u)) return
+      u = u + step
+    end do
+  end subroutine follow
+
   !> The place at some length beyond an end: the curve goes on straight.
   pure type(curve_place) function straight(last, length) result(q)
     type(curve_place), intent(in) :: last
@@ -153,9 +182,10 @@ contains
   end function along
 
   !> Largest n(alpha).c: N.t falls through zero where the normal is N; its slope is -speed curvature N.n.
-  pure type(profile_reach) function convex_support(self, alpha) result(reach)
+  pure type(profile_reach) function convex_support(self, alpha, piece) result(reach)
     class(curve_model), intent(in) :: self
     real(wp), intent(in) :: alpha            !! [rad]
+    integer, intent(in) :: piece             !! 0: none
     real(wp) :: n(2), low, high, u
     type(curve_place) :: q
     integer :: k
@@ -169,10 +199,18 @@ contains
     high = self%ends(k)%u
     u = 0.5_wp*(low + high)
     do k = 1, most_trials
-      q = self%at(u)
+      q = self%at(u, 0)
       call newton(low, high, u, dot_product(n, turn(q%n)), q%speed*q%curvature*dot_product(n, q%n), stays)
       if (stays) exit
     end do
+    if (self%leaves(piece, q%u)) then
+      do k = 1, most_trials
+        q = self%at(u, piece)
+        low = dot_product(n, turn(q%n))/(q%speed*q%curvature*dot_product(n, q%n))
+        if (abs(low) <= 2*spacing(u)) exit
+        u = u + low
+      end do
+    end if
     reach%p(0:1) = [dot_product(n, q%c) - self%inset, dot_product(turn(n), q%c)]
     reach%p(2) = 1/q%curvature - self%inset - reach%p(0)
     reach%u = q%u
@@ -192,7 +230,7 @@ contains
     u = 0.5_wp*(low + high)
     if (f(1) > f(2)) u = low + (high - low)*(f(1)/(f(1) - f(2)))
     do k = 1, most_trials
-      q = self%at(u)
+      q = self%at(u, 0)
       call newton(low, high, u, along(q, d), q%speed*(1 + q%curvature*dot_product(d - q%c, q%n)), stays)
       if (stays) exit
     end do
@@ -232,7 +270,7 @@ contains
     allocate (c(2, 0:each*size(self%radius)))
     do i = 1, size(self%radius)
       do k = 0, each
-        q = self%at(self%ends(i - 1)%u + (self%ends(i)%u - self%ends(i - 1)%u)*k/each)
+        q = self%at(self%ends(i - 1)%u + (self%ends(i)%u - self%ends(i - 1)%u)*k/each, 0)
         c(:, (i - 1)*each + k) = q%c - self%inset*q%n
       end do
     end do
@@ -254,7 +292,7 @@ contains
     do i = 0, n
       k = min(i/samples, size(self%radius) - 1)
       u(i) = self%ends(k)%u + (self%ends(k + 1)%u - self%ends(k)%u)*(i - k*samples)/samples
-      q = self%at(u(i))
+      q = self%at(u(i), 0)
       bend = 0.0_wp
       if (1 - q%curvature*self%inset > 0.0_wp) bend = inset_curvature(self, q%curvature)
       if (1 - q%curvature*self%inset <= 0.0_wp .or. q%speed <= 0.0_wp) then
@@ -264,7 +302,7 @@ contains
       else if (1 + bend*radius <= 0.0_wp) then
         flaw(i) = flaw_hollow
       else
-        foot = self%nearest(q%c + (radius - self%inset)*q%n)
+        foot = self%nearest(q%c + (radius - self%inset)*q%n, 0)
         if (abs(foot%distance - radius) > same*(norm2(q%c) + radius)) flaw(i) = flaw_double
       end if
       if (flaw(i) > 0 .and. found%flaw == 0) found = pair_limits(flaw=flaw(i))

@@ -22,12 +22,14 @@ module law_profile
     logical :: clockwise = .false.           !! the cam turns so through the law
     real(wp) :: base(2) = 0.0_wp             !! offset, h0; of an arm: its pivot; of a face: 0, base_radius [m]
     real(wp) :: arm = 0.0_wp                 !! 0: none [m]
+    real(wp), allocatable :: joints(:)         !! of its pieces, ascending, and a turn after the first [rad]
   contains
     procedure :: at => law_place
     procedure :: lift
     procedure :: cam_angle
     procedure :: pressure_angle
     procedure :: corners
+    procedure :: leaves => leaves_piece
   end type law_model
 
   !> The disc of a flat face.
@@ -96,21 +98,60 @@ contains
     end do
   end function corners
 
-  !> The law and two derivatives by v.
-  pure function lift(self, v) result(s)
+  !> How far v lies from the middle of a piece, and half the piece.
+  pure subroutine from_middle(self, piece, v, x, half)
+    class(law_model), intent(in) :: self
+    integer, intent(in) :: piece
+    real(wp), intent(in) :: v                !! [rad]
+    real(wp), intent(out) :: x, half         !! [rad]
+    half = 0.5_wp*(self%joints(piece + 1) - self%joints(piece))
+    x = v - 0.5_wp*(self%joints(piece + 1) + self%joints(piece))
+    x = x - 2*pi*anint(x/(2*pi))
+  end subroutine from_middle
+
+  !> Whether v is at or beyond an end of a piece, within what angles differ by rounding.
+  pure logical function leaves_piece(self, piece, u) result(yes)
+    class(law_model), intent(in) :: self
+    integer, intent(in) :: piece             !! 0: none
+    real(wp), intent(in) :: u                !! v [rad]
+    real(wp) :: x, half
+    yes = piece > 0
+    if (.not. yes) return
+    call from_middle(self, piece, u, x, half)
+    yes = abs(x) > half - same_angle
+  end function leaves_piece
+
+  !> The law and two derivatives by v; beyond the ends of a piece the parabola that continues it.
+  pure function lift(self, v, piece) result(s)
     class(law_model), intent(in) :: self
     real(wp), intent(in) :: v                !! [rad]
+    integer, intent(in) :: piece             !! 0: none
     real(wp) :: s(0:2), h(-1:2)              ! [m] or [rad], per rad
-    call self%law%evaluate(self%cam_angle(v), .false., h)
+    real(wp) :: x, half, d, angle
+    logical :: from_below
+    d = 0.0_wp
+    from_below = .false.
+    angle = self%cam_angle(v)
+    if (self%leaves(piece, v)) then
+      call from_middle(self, piece, v, x, half)
+      d = x - sign(half, x)
+      angle = self%cam_angle(v - d)
+      from_below = x > 0.0_wp .eqv. self%clockwise
+      if (from_below .and. angle < same_angle) angle = angle + 2*pi
+      if (.not. from_below .and. angle > 2*pi - same_angle) angle = 0.0_wp
+    end if
+    call self%law%evaluate(angle, from_below, h)
     s = [h(0), merge(h(1), -h(1), self%clockwise), h(2)]
+    s(0:1) = [s(0) + d*(s(1) + 0.5_wp*d*s(2)), s(1) + d*s(2)]
   end function lift
 
   !> Where the roller's centre is.
-  pure type(curve_place) function law_place(self, u) result(q)
+  pure type(curve_place) function law_place(self, u, piece) result(q)
     class(law_model), intent(in) :: self
     real(wp), intent(in) :: u                !! v [rad]
+    integer, intent(in) :: piece             !! 0: none
     real(wp) :: s(0:2), e(2), p(2, 0:2)      ! [m] or [rad]
-    s = self%lift(u)
+    s = self%lift(u, piece)
     if (self%arm > 0.0_wp) then
       e = self%arm*[cos(s(0)), sin(s(0))]
       p = reshape([self%base + e, s(1)*turn(e), s(2)*turn(e) - s(1)**2*e], [2, 3])
@@ -139,8 +180,8 @@ contains
     real(wp), intent(in) :: u                !! v [rad]
     type(curve_place) :: q
     real(wp) :: s(0:2), n(2)
-    s = self%lift(u)
-    q = self%at(u)
+    s = self%lift(u, 0)
+    q = self%at(u, 0)
     n = [cos(u)*q%n(1) + sin(u)*q%n(2), cos(u)*q%n(2) - sin(u)*q%n(1)]
     if (self%arm > 0.0_wp) n = [sin(s(0))*n(1) - cos(s(0))*n(2), cos(s(0))*n(1) + sin(s(0))*n(2)]
     if (self%arm > 0.0_wp) n = [n(2), abs(n(1))]
@@ -148,11 +189,12 @@ contains
   end function pressure_angle
 
   !> Where a flat face touches.
-  pure type(curve_place) function flat_place(self, u) result(q)
+  pure type(curve_place) function flat_place(self, u, piece) result(q)
     class(flat_model), intent(in) :: self
     real(wp), intent(in) :: u                !! v [rad]
+    integer, intent(in) :: piece             !! 0: none
     type(profile_reach) :: reach
-    reach = self%support(u + 0.5_wp*pi)
+    reach = self%support(u + 0.5_wp*pi, piece)
     q%u = u
     q%n = [-sin(u), cos(u)]
     q%c = reach%p(0)*q%n + reach%p(1)*turn(q%n)
@@ -161,19 +203,21 @@ contains
   end function flat_place
 
   !> The law itself.
-  pure type(profile_reach) function flat_support(self, alpha) result(reach)
+  pure type(profile_reach) function flat_support(self, alpha, piece) result(reach)
     class(flat_model), intent(in) :: self
     real(wp), intent(in) :: alpha            !! [rad]
+    integer, intent(in) :: piece             !! 0: none
     reach%u = alpha - 0.5_wp*pi
     reach%advance = 1.0_wp
-    reach%p = self%lift(reach%u)
+    reach%p = self%lift(reach%u, piece)
     reach%p(0) = self%base(2) + reach%p(0)
   end function flat_support
 
   !> On the spline.
-  pure type(curve_place) function spline_place(self, u) result(q)
+  pure type(curve_place) function spline_place(self, u, piece) result(q)
     class(spline_model), intent(in) :: self
     real(wp), intent(in) :: u                !! length of chords [m]
+    integer, intent(in) :: piece             !! not used
     real(wp) :: x(-1:2), y(-1:2)
     call self%x%evaluate(u, u > self%half, x)
     call self%y%evaluate(u, u > self%half, y)

@@ -35,16 +35,18 @@ module profile
 
   abstract interface
     !> The nearest place to a point.
-    pure type(profile_foot) function nearest_place(self, d) result(foot)
+    pure type(profile_foot) function nearest_place(self, d, piece) result(foot)
       import :: profile_model, profile_foot, wp
       class(profile_model), intent(in) :: self
       real(wp), intent(in) :: d(2)           !! [m]
+      integer, intent(in) :: piece           !! that goes on beyond its ends, of a law with corners; 0: none
     end function nearest_place
     !> Largest n(alpha).c of a convex profile.
-    pure type(profile_reach) function reach_of(self, alpha) result(reach)
+    pure type(profile_reach) function reach_of(self, alpha, piece) result(reach)
       import :: profile_model, profile_reach, wp
       class(profile_model), intent(in) :: self
       real(wp), intent(in) :: alpha          !! of the direction n [rad]
+      integer, intent(in) :: piece           !! 0: none
     end function reach_of
     !> Points all along it, for pictures.
     pure function points_of(self) result(c)
@@ -67,9 +69,10 @@ module profile
 contains
 
   !> On the line through the centre.
-  pure type(profile_foot) function circle_nearest(self, d) result(foot)
+  pure type(profile_foot) function circle_nearest(self, d, piece) result(foot)
     class(circle_model), intent(in) :: self
     real(wp), intent(in) :: d(2)             !! [m]
+    integer, intent(in) :: piece             !! not used
     real(wp) :: r
     r = sqrt(d(1)**2 + d(2)**2)
     if (r > 0.0_wp) foot%n = d/r
@@ -82,9 +85,10 @@ contains
   end function circle_nearest
 
   !> Its radius.
-  pure type(profile_reach) function circle_support(self, alpha) result(reach)
+  pure type(profile_reach) function circle_support(self, alpha, piece) result(reach)
     class(circle_model), intent(in) :: self
     real(wp), intent(in) :: alpha            !! [rad]
+    integer, intent(in) :: piece             !! not used
     reach%p(0) = self%radius
   end function circle_support
 

@@ -3,12 +3,10 @@
 module profile_corners
   use kinds, only: wp, pi
   use contact_pair, only: pair_measure, pair_touch
-  use force_element, only: conditions, element_action, force_model, root_rounding, watched_roots
+  use force_element, only: conditions, element_action, force_model, on_a_piece, root_rounding, watched_roots
   use marker, only: marker_states
   implicit none (type, external)
   private
-
-  integer, parameter :: on_a_piece = 1     !! its one discrete state
 
   !> Such a watcher; its measure is that of the pair.
   type, extends(force_model), public :: corner_watch
