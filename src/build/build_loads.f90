@@ -60,8 +60,8 @@ contains
     call add_stop_rows(d, s)
   end subroutine make_forces
 
-  !> Behind all others what watches the corners of laws, of joints and stops on profiles. With fixed steps of a higher order these are
-  !> events that it feels; what only the third derivative does is left to an error that is controlled.
+  !> Behind all others what watches the corners of laws, of joints and stops on profiles. With fixed steps of a higher order these
+  !> are events that it feels; what only the third derivative does is left to an error that is controlled.
   subroutine watch_profiles(d, s)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s

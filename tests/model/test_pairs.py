@@ -215,12 +215,13 @@ def test_pictures_show_the_profile_and_its_follower_where_they_are(run_deck):
 POINTS = np.linspace(0.0, 2 * np.pi, 37)
 JUMPS = "&history name='table' kind='table' interpolation='pchip' periodic=.true.\n time=" + ",\n".join(f"{x:.15g}" for x in POINTS)
 JUMPS += "\n value=" + ",\n".join(f"{0.006 * (1 - np.cos(x)):.15g}" for x in POINTS) + " /\n"
-ORDERS = [("rk4", 4, (32, 64), "lift"), ("dopri5", 5, (16, 32), "lift"), ("radau", 5, (8, 16), "lift"), ("rk4", 3.5, (32, 64), "table")]
+ORDERS = [("rk4", 4, (32, 64), "lift"), ("dopri5", 5, (16, 32), "lift"), ("radau", 5, (8, 16), "lift")]
+ORDERS += [("rk4", 3.5, (32, 64), "table")]
 
 
 @pytest.mark.parametrize(("method", "order", "steps", "law"), ORDERS)
 def test_fixed_steps_keep_their_order_over_the_corners_of_a_law(method, order, steps, law, run_deck):
-    """A cam that coasts: its law's third derivative jumps at both ends of each stroke, that of a table its second at every point."""
+    """A cam that coasts: its law's third derivative jumps at both ends of each stroke, of a table the second at every point."""
     deck = LIFT + JUMPS + """&scene gravity=0,-9.81 /
 &body name='cam' mass=1 inertia=2e-4 angle=0.4 angular_velocity=40 /
 &joint name='shaft' type='revolute' body_a='cam' /
