@@ -113,7 +113,8 @@ contains
     if (cycle%start_error >= 0.0_wp) then
       call text%line('  error of the start: {error 1} of the ranges, by half the steps; of each column there:', [cycle%start_error])
       call text%table('errors_of_columns', run%list%column%label(), &
-                      abs(cycle%map%columns_at(run, cycle%turn%start) - cycle%map%columns_at(run, cycle%coarse)), 2)
+                      abs(cycle%map%columns_at(run, cycle%map%moved(cycle%turn%start, &
+                          cycle%map%change(cycle%turn))) - cycle%map%columns_at(run, cycle%coarse)), 2)   ! a turn later
     end if
     if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, text)
     call text%open('multipliers', '[')
