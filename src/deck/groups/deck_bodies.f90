@@ -84,6 +84,7 @@ contains
       layered = .false.
       do e = 1, size(layered)
         if (b%element_section(e) == 0) cycle
+        if (.not. allocated(sections(b%element_section(e))%layers)) return   ! the section could not be read
         layered(e) = size(sections(b%element_section(e))%layers) > 0
       end do
       if (.not. any(layered)) then

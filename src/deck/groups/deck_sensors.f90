@@ -143,6 +143,7 @@ contains
     if (any(b%element_section == 0)) return
     most = 0
     do e = 1, b%elements
+      if (.not. allocated(d%sections(b%element_section(e))%layers)) return   ! the section could not be read
       most = max(most, size(d%sections(b%element_section(e))%layers))
     end do
     allocate (there(b%nodes, -most:most), source=.false.)
