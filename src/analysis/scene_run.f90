@@ -7,6 +7,7 @@ module scene_run
   use evaluation_settings, only: usual_options
   use deck_records, only: deck
   use build_scene, only: build
+  use clearance_start, only: start_through_clearances
   use assembly_conflict, only: explain_open_joints, deck_line_of
   use assembly_reports, only: assembly_report
   use controls, only: rest_controls
@@ -95,7 +96,9 @@ contains
     type(failure), intent(inout) :: fail
     type(scene) :: s
     call build(run%d, s, faults)
-    if (faults%count == 0) call assemble_run(run, s, fail)
+    if (faults%count > 0) return
+    call start_through_clearances(run%d, s)
+    call assemble_run(run, s, fail)
   end subroutine prepare_run
 
   !> Assembles a scene that is built, in place of what the run has had.

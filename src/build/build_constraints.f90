@@ -28,7 +28,7 @@ contains
     type(fault_list), intent(inout) :: faults
     logical :: rubs(size(d%joints))
     integer :: k, n
-    rubs = max(d%joints%friction, d%joints%friction_static, d%joints%preload) > 0.0_wp
+    rubs = max(d%joints%friction, d%joints%friction_static, d%joints%preload, d%joints%preload_static) > 0.0_wp
     s%joints = size(d%joints)
     s%permanent = s%joints + size(d%drives)
     allocate (s%friction(count(rubs)), s%constraints(s%permanent + count(rubs)))
@@ -54,8 +54,8 @@ contains
       allocate (item)
       select case (r%type)
       case ('revolute', 'weld')
-        call item%hold(difference(1))
-        call item%hold(difference(2))
+        call item%hold(difference(1), pending=r%as_assembled)
+        call item%hold(difference(2), pending=r%as_assembled)
       case ('slider', 'prismatic')
         call item%hold(line(r%direction + pi/2, r%b%body == 0))
       case ('gear')
@@ -78,7 +78,8 @@ contains
       integer, intent(in) :: joint
       class(constraint_model), allocatable, intent(out) :: item
       type(coulomb_law) :: law
-      law = coulomb_law(on_line, r%friction, max(r%friction, r%friction_static), r%preload, r%pin_radius, r%pad_distance)
+      law = coulomb_law(on_line, r%friction, max(r%friction, r%friction_static), r%preload, max(r%preload, r%preload_static), &
+                        r%pin_radius, r%pad_distance)
       if (r%type == 'revolute') law%contact = on_pin
       if (r%pad_distance > 0.0_wp) law%contact = on_pads
       item = friction_model(law=law, parent=joint)

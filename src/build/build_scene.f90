@@ -122,6 +122,7 @@ contains
         s%stated(i + 3) = r%angular_velocity_stated
       end associate
     end do
+    s%start = s%q0
   end subroutine number_unknowns
 
   !> Numbers the internal variables, from which the length of the state follows: those of second order of bodies, then of force

@@ -72,7 +72,8 @@ module scene_model
     integer :: quadratures = 2                  !! energies at the end of the state
     integer :: ny = 0                           !! length of the state
     real(wp), allocatable :: q0(:)              !! (nq) the deck's positions [m, rad]
-    real(wp), allocatable :: v0(:)              !! (nq) the deck's velocities [m/s, rad/s]
+    real(wp), allocatable :: start(:)           !! (nq) those from which the assembly begins: with pins in their holes [m, rad]
+    real(wp), allocatable :: v0(:)              !! (nq) the deck's velocities, and from which the others begin [m/s, rad/s]
     logical, allocatable :: stated(:)           !! (nq) whether the deck states the velocity
   end type scene
 end module scene_model

@@ -41,7 +41,8 @@ contains
     do k = 1, size(d%joints)
       associate (r => d%joints(k))
         friction = ''
-        if (max(r%friction, r%friction_static, r%preload) > 0.0_wp) friction = ', "friction": '//json_number(r%friction)
+        if (max(r%friction, r%friction_static, r%preload, r%preload_static) > 0.0_wp) friction = &
+          ', "friction": '//json_number(r%friction)
         call pair(r%name, r%type, r%a, r%b, r%direction, friction//follower(r%profile, r%radius, r%face))
       end associate
     end do

@@ -332,6 +332,36 @@ def test_loads_that_vary_and_jump(method, run_deck):
         assert (np.abs(x).max() == 0.0) == (name == "at")
 
 
+def test_a_preload_that_holds_more_than_it_brakes(run_deck):
+    """A force that grows by 10 N/s breaks a preload of 5 N, which then brakes with 2 N: m x'' = 10 t - 2."""
+    deck = BLOCK.replace("gravity=0,-9.81", "").replace("friction=0.2 FRICTION", "preload=2 preload_static=5")
+    deck = deck.replace("HISTORY", "coefficients=0,10").replace("METHOD", "method='rk4' step=1e-2 t_end=1 output_step=0.1")
+    run = run_deck(deck)
+    times, words = events_of(run)
+    assert [w[2] for w in words] == ["forward"]
+    assert times[0] == pytest.approx(0.5, abs=1e-11)
+    t = 0.5
+    way = 10 * (1 - t**3) / 6 - (1 - t**2) - (5 * t**2 - 2 * t) * (1 - t)
+    assert run.history["x.x"][-1] == pytest.approx(way / 2, abs=1e-11)
+
+
+def test_a_pin_that_locks_by_itself_is_told(run_deck):
+    """Only where the static friction's arm is beyond those of all forces on a body that no moment turns."""
+    deck = """&body name='rod' mass=0.2 inertia=2e-4 com=0.05,0 /
+&body name='wheel' mass=1 inertia=0.1 position=1,0 angular_velocity=9 /
+&joint name='pin' type='revolute' body_a='rod' friction=0.1 friction_static=STATIC pin_radius=0.25 /
+&joint name='axle' type='revolute' body_a='wheel' point_b=1,0 friction=0.2 pin_radius=0.02 /
+&force name='f' body='rod' point=0.1,0 fy=1 /
+OTHER
+&transient t_end=1e-3 method='rk4' step=1e-4 /
+"""
+    torque = "&force name='t' type='torque' body='rod' moment=1 /"
+    for static, other, told in (("0.41", "", True), ("0.39", "", False), ("0.41", torque, False)):
+        run = run_deck(deck.replace("STATIC", static).replace("OTHER", other), "--check", name=f"d{static}{len(other)}")
+        assert ('joint "pin" locks by itself' in run.stderr) == told
+        assert '"axle"' not in run.stderr
+
+
 def test_no_friction_is_none(run_deck):
     """Coefficients of zero make no row and the same bits; of 1e-12, columns that agree to 1e-9."""
     method = "METHOD", "method='rk4' step=1e-3 t_end=0.3 output_step=0.01"

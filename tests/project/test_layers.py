@@ -138,7 +138,7 @@ def test_an_upward_use_is_found(tmp_path, folder, line, told):
 
 
 # Set-up and assembly: whoever else takes a mechanism cannot change it.
-SET_UP = {"mechanism_setup", "incidence", "attachments", "prototypes", "assembly", "redundancy"}
+SET_UP = {"mechanism_setup", "incidence", "attachments", "prototypes", "assembly", "redundancy", "clearance_start"}
 
 
 def test_mechanism_is_constant_after_set_up():

@@ -5,6 +5,7 @@ module assembly
   use assembly_reports, only: assembly_report, add_warning
   use errors, only: failure, status_bad_input
   use evaluation_results, only: evaluation
+  use locked_pins, only: warn_of_locked_pins
   use mechanism, only: mechanism_model
   use marker_motion, only: marker_kinematics
   use position_closing, only: close_positions, closed_gap, warn_of_drives, warn_of_motion
@@ -27,7 +28,7 @@ contains
     real(wp) :: gap                                 ! distance up to which markers coincide [m]
     integer :: k
     allocate (character(160) :: report%warnings(0))
-    q = self%s%q0
+    q = self%s%start
     v = self%s%v0
     call marker_kinematics(self, ev, q, v)
     do k = self%s%joints + 1, self%s%permanent
@@ -63,6 +64,7 @@ contains
     if (fail%happened()) return
     call count_freedoms(self, ev, q, v, report)
     call refuse_friction(self, report, fail)
+    call warn_of_locked_pins(self, report)
   end subroutine assemble
 
   !> Refuses friction of joints whose reactions are not determined, and with them the motion.

@@ -23,6 +23,7 @@ contains
     call take(deck, b)
     if (lower(b%name) == 'ground') call deck%complain('name', 'name='//quoted(trim(b%name))//' is the name of the fixed body, '// &
       'expected another one')
+    b%position_given = deck%is_set('position')
     b%velocity_stated = deck%is_set('velocity')
     b%angular_velocity_stated = deck%is_set('angular_velocity')
     call check_frame_elements()

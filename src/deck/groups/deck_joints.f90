@@ -55,6 +55,9 @@ contains
     if (deck%is_set('friction_static') .and. j%friction_static < j%friction) call deck%complain('friction_static', &
       'friction_static='//to_text(j%friction_static)//' is below friction='//to_text(j%friction)//', expected not less: '// &
       'surfaces that stick hold at least as much as surfaces that slip')
+    if (deck%is_set('preload_static') .and. j%preload_static < j%preload) call deck%complain('preload_static', &
+      'preload_static='//to_text(j%preload_static)//' is below preload='//to_text(j%preload)//', expected not less: '// &
+      'surfaces that stick hold at least as much as surfaces that slip')
     if (max(j%friction, j%friction_static) > 0.0_wp) call deck%need('pin_radius', 'pin_radius > 0 (m), the arm of '// &
       'the friction of a revolute joint')
   end subroutine check_friction

@@ -28,6 +28,7 @@ module deck_records
   type, extends(body_values), public :: body_record
     logical :: velocity_stated = .false.
     logical :: angular_velocity_stated = .false.
+    logical :: position_given = .false.
     integer :: nodes = 0                     !! beam and frame: number of nodes; rigid: 0
     integer :: own_materials = 0             !! place before its copies of all materials, at its temperature; 0: it has none
     integer, allocatable :: element_nodes(:, :)   !! frame: (2, elements)
@@ -35,6 +36,7 @@ module deck_records
 
   type, extends(joint_values), public :: joint_record
     logical :: has_length = .false.          !! distance: false: as assembled
+    logical :: as_assembled = .false.        !! revolute: its markers stay where they are assembled, as a pin in its clearance
   end type joint_record
 
   type, extends(history_values), public :: history_record

@@ -77,7 +77,7 @@ contains
     subroutine check_friction()
       if (.not. (deck%is_choice('friction') .and. deck%is_set('joint')) .or. s%joint == 0) return
       associate (j => d%joints(s%joint))
-        if (max(j%friction, j%friction_static, j%preload) > 0.0_wp) return
+        if (max(j%friction, j%friction_static, j%preload, j%preload_static) > 0.0_wp) return
         call deck%complain('joint', 'joint "'//trim(j%name)//'" has no friction, expected a joint with friction or preload above 0')
       end associate
     end subroutine check_friction

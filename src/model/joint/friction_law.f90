@@ -18,7 +18,8 @@ module friction_law
     integer :: contact = on_pin
     real(wp) :: kinetic = 0.0_wp          !! coefficient of friction of surfaces that slip [-]
     real(wp) :: static = 0.0_wp           !! of surfaces that stick, not less [-]
-    real(wp) :: preload = 0.0_wp          !! part of the limit without reaction [N]; of a pin [N m]
+    real(wp) :: preload = 0.0_wp          !! part of the limit without reaction, of surfaces that slip [N]; of a pin [N m]
+    real(wp) :: static_preload = 0.0_wp   !! of surfaces that stick, not less [N]; of a pin [N m]
     real(wp) :: radius = 0.0_wp           !! of a pin [m]
     real(wp) :: distance = 0.0_wp         !! between two pads [m]
     real(wp) :: size = 1.0_wp             !! the scene's size, weight of angle rows [m]
@@ -60,8 +61,8 @@ contains
     integer, intent(in) :: state
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
     f = 0.0_wp
-    if (abs(state) == row_slips) f = sign(limit_of(law, law%kinetic, lambda), real(state, wp))
-    if (abs(state) == row_carried) f = sign(limit_of(law, law%static, lambda), real(state, wp))
+    if (abs(state) == row_slips) f = sign(limit_of(law, .false., lambda), real(state, wp))
+    if (abs(state) == row_carried) f = sign(limit_of(law, .true., lambda), real(state, wp))
   end function force_of
 
   !> Derivatives of that force by the joint's multipliers; what they are 0 for is 0.
@@ -88,19 +89,20 @@ contains
     end select
   end function force_slope
 
-  !> Largest tangential force with a coefficient of friction; of a pin the moment over the size.
-  pure real(wp) function limit_of(law, mu, lambda) result(c)   ! [N]
+  !> Largest tangential force of surfaces that stick or slip; of a pin the moment over the size.
+  pure real(wp) function limit_of(law, stick, lambda) result(c)   ! [N]
     type(coulomb_law), intent(in) :: law
-    real(wp), intent(in) :: mu            !! [-]
+    logical, intent(in) :: stick
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    c = law%preload/merge(law%size, 1.0_wp, law%contact == on_pin) + mu*pressure_of(law, lambda)
+    c = merge(law%static_preload, law%preload, stick)/merge(law%size, 1.0_wp, law%contact == on_pin) + &
+        merge(law%static, law%kinetic, stick)*pressure_of(law, lambda)
   end function limit_of
 
   !> Up to which force it sticks.
   pure real(wp) function sticking_limit(self, lambda) result(c)   ! [N]
     class(coulomb_law), intent(in) :: self
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    c = limit_of(self, self%static, lambda)
+    c = limit_of(self, .true., lambda)
   end function sticking_limit
 
   !> What the coefficient of friction multiplies; of a pin times the radius over the size.

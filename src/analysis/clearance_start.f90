@@ -1,0 +1,131 @@
+!> The start behind clearances. A pin with play holds nothing where the assembly closes joints: bodies behind it would start at rest
+!> while its crank turns, and be struck at once. So a copy of the deck, of rigid bodies, is assembled with the pins held where they
+!> are; what the deck does not state of the velocities starts as there. A pin that is outside of its hole by more than its play, on
+!> a body whose position the deck does not give, is put into the middle.
+module clearance_start
+  use kinds, only: wp
+  use assembly_reports, only: assembly_report
+  use build_scene, only: build
+  use deck_records, only: deck, joint_record
+  use errors, only: failure, fault_list
+  use evaluation_results, only: evaluation
+  use mechanism, only: mechanism_model
+  use scene_model, only: scene
+  use trial_scene, only: assemble_scene
+  implicit none (type, external)
+  private
+  public :: start_through_clearances
+
+  real(wp), parameter :: same = 1.0e-6_wp           !! a stated velocity that changes by less is kept, of the largest [-]
+
+contains
+
+  !> Positions and velocities from which the assembly of a scene begins. Where the pins cannot be held, as velocities that the deck
+  !> states contradict that, they stay as they are.
+  subroutine start_through_clearances(d, s)
+    type(deck), intent(in) :: d
+    type(scene), intent(inout) :: s                 !! of this deck
+    type(mechanism_model) :: m
+    real(wp), allocatable :: q(:), v(:)             ! (3 times bodies) [m, rad], [m/s, rad/s]
+    integer, allocatable :: pins(:)                 ! clearances beside which the deck leaves something open
+    logical, allocatable :: outside(:), still(:)    ! (pins) of their holes
+    logical :: ok
+    integer :: k
+    associate (a => d%stops%a%body, b => d%stops%b%body)
+      pins = pack([(k, k=1, size(a))], d%stops%type == 'clearance' .and. .not. (is_stated(a) .and. is_stated(b) .and. &
+                                                                                is_placed(a) .and. is_placed(b)))
+      if (size(pins) == 0) return
+      call assemble_with_pins(d, pins, spread(.false., 1, size(pins)), m, q, v, outside, ok)
+      if (.not. ok) return
+      outside = outside .and. .not. (is_placed(a(pins)) .and. is_placed(b(pins)))
+    end associate
+    if (any(outside)) then
+      call assemble_with_pins(d, pins, (outside), m, q, v, still, ok)
+      if (.not. ok) return
+      call take(s%start, q, spread(.true., 1, size(q)))
+    end if
+    if (any(m%s%stated .and. abs(v - m%s%v0) > same*maxval(abs(v)))) return
+    call take(s%v0, v, .not. m%s%stated)
+  contains
+    !> Whether the deck states the velocities of a body, or it is the ground.
+    pure elemental logical function is_stated(body)
+      integer, intent(in) :: body
+      is_stated = body == 0
+      if (body > 0) is_stated = d%bodies(body)%velocity_stated .and. d%bodies(body)%angular_velocity_stated
+    end function is_stated
+
+    !> Whether the deck gives the position of a body, or it is the ground.
+    pure elemental logical function is_placed(body)
+      integer, intent(in) :: body
+      is_placed = body == 0
+      if (body > 0) is_placed = d%bodies(body)%position_given
+    end function is_placed
+
+    !> Takes values of the frames into those of the scene.
+    subroutine take(all, frames, which)
+      real(wp), intent(inout) :: all(:)             !! (nq) [m, rad], [m/s, rad/s]
+      real(wp), intent(in) :: frames(:)             !! (3 times bodies) [m, rad], [m/s, rad/s]
+      logical, intent(in) :: which(:)               !! (3 times bodies)
+      integer :: b, k
+      do b = 1, size(d%bodies)
+        do k = 1, 3
+          if (which(3*b - 3 + k)) all(s%qo(b) + k) = frames(3*b - 3 + k)
+        end do
+      end do
+    end subroutine take
+  end subroutine start_through_clearances
+
+  !> Assembles the deck's rigid bodies, joints and drives with a joint behind them for each pin: held where its markers are, or one
+  !> on the other.
+  subroutine assemble_with_pins(d, pins, centred, m, q, v, outside, ok)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: pins(:)                  !! among the stops
+    logical, intent(in) :: centred(:)               !! (pins)
+    type(mechanism_model), intent(out) :: m
+    real(wp), allocatable, intent(out) :: q(:), v(:)   !! (3 times bodies) [m, rad], [m/s, rad/s]
+    logical, allocatable, intent(out) :: outside(:) !! (pins) of their holes by more than their play
+    logical, intent(out) :: ok
+    type(deck) :: rigid
+    type(evaluation) :: ev
+    type(joint_record), allocatable :: joints(:)
+    type(joint_record) :: pin
+    type(assembly_report) :: report
+    type(scene) :: s
+    type(fault_list) :: faults
+    type(failure) :: fail
+    integer :: k, n
+    n = size(d%joints)
+    rigid = d
+    rigid%bodies%flexible = .false.
+    rigid%periodic%present = .false.
+    allocate (joints(n + size(pins)))
+    joints(:n) = d%joints
+    do k = 1, size(pins)
+      pin%name = d%stops(pins(k))%name
+      pin%type = 'revolute'
+      pin%a = d%stops(pins(k))%a
+      pin%b = d%stops(pins(k))%b
+      pin%as_assembled = .not. centred(k)
+      joints(n + k) = pin
+    end do
+    joints%friction = 0.0_wp
+    joints%friction_static = 0.0_wp
+    joints%preload = 0.0_wp
+    joints%preload_static = 0.0_wp
+    deallocate (rigid%joints, rigid%stops, rigid%forces, rigid%springs, rigid%controllers, rigid%sensors)
+    allocate (rigid%stops(0), rigid%forces(0), rigid%springs(0), rigid%controllers(0), rigid%sensors(0))
+    call move_alloc(joints, rigid%joints)
+    allocate (outside(size(pins)), source=.false.)
+    call build(rigid, s, faults)
+    ok = faults%count == 0
+    if (.not. ok) return
+    call assemble_scene(s, m, ev, q, report, fail, v)
+    ok = .not. fail%happened()
+    if (.not. ok) return
+    do k = 1, size(pins)
+      associate (c => m%s%constraints(n + k)%item)
+        outside(k) = norm2(ev%p%r(:, c%ia) - ev%p%r(:, c%ib)) > 2*d%stops(pins(k))%upper
+      end associate
+    end do
+  end subroutine assemble_with_pins
+end module clearance_start
