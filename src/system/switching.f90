@@ -47,8 +47,8 @@ contains
     end associate
   end subroutine start_states
 
-  !> Roots of some elements in their present states: of force elements and controllers in the motion of the markers, of rows after an
-  !> evaluation.
+  !> Roots of some elements in their present states: of force elements and controllers in the motion of the markers, of rows
+  !> after an evaluation.
   subroutine watch_roots(m, ev, first, last, t, left_limit, z, g, rate, zero)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev

@@ -390,7 +390,7 @@ contains
     type(run_state), intent(inout) :: run
     integer, intent(in) :: number                    !! that are told
     real(wp), parameter :: goal = 1.0e-7_wp          ! what the space leaves of them [-]
-    real(wp), parameter :: new = 0.1_wp              ! of a direction that is moved along is orthogonal to those before, at least [-]
+    real(wp), parameter :: new = 0.1_wp              ! of a direction that is new is orthogonal to those before, at least [-]
     real(wp), parameter :: negligible = 10.0_wp      ! a direction with so little in it is rounding, of that of quotients [-]
     real(wp) :: v(size(self%map%compared)), asked(size(v)), w(size(v)), second, seconds   ! [-]
     complex(wp), allocatable :: before(:)            ! multipliers of half the steps [-]

@@ -97,7 +97,7 @@ contains
                  .not. any(d%sections(pack(b%element_section, b%element_section > 0))%fibre > 0.0_wp)) then
           call deck%complain('body', 'no section of '//body_text(d, s%marker%body)//' has a shape, which a stress needs, '// &
             'expected a &section with a shape')
-        else if (deck%is_choice('layer slip') .and. any(b%element_section == 0)) then
+        else if (deck%is_choice('layer slip') .and. .not. sections_read(d, b)) then
           return
         else if (deck%is_choice('slip') .and. core_coordinates(d, b) == 0) then
           call deck%complain('body', body_text(d, s%marker%body)//' has no cores, expected a body of layers with cores')
@@ -133,6 +133,15 @@ contains
     n = count(kept) + core_coordinates(d, b)
   end function elastic_coordinates
 
+  !> Whether the sections of all elements are there and could be read.
+  pure logical function sections_read(d, b)
+    type(deck_record), intent(in) :: d
+    type(body_record), intent(in) :: b
+    integer :: e
+    sections_read = all(b%element_section > 0)
+    if (sections_read) sections_read = all([(allocated(d%sections(b%element_section(e))%layers), e=1, b%elements)])
+  end function sections_read
+
   !> Number of the cores' coordinates: one of each element that has it, one at each node that the layers may slip at.
   pure integer function core_coordinates(d, b) result(n)
     type(deck_record), intent(in) :: d
@@ -140,10 +149,9 @@ contains
     logical, allocatable :: there(:, :)      ! (nodes, layers above the base)
     integer :: e, j, most
     n = 0
-    if (any(b%element_section == 0)) return
+    if (.not. sections_read(d, b)) return
     most = 0
     do e = 1, b%elements
-      if (.not. allocated(d%sections(b%element_section(e))%layers)) return   ! the section could not be read
       most = max(most, size(d%sections(b%element_section(e))%layers))
     end do
     allocate (there(b%nodes, -most:most), source=.false.)
