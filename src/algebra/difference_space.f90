@@ -119,30 +119,22 @@ contains
     call dgesdd('S', m, n, copy, m, s, u, m, vt, k, work, size(work), integers, info)
   end subroutine decompose
 
-  !> The map within the space: M V is nearest to V H.
-  function restricted(self) result(h)
-    class(direction_space), intent(in) :: self
-    real(wp), allocatable :: h(:, :)          !! (space, space) [-]
-    real(wp), allocatable :: g(:, :)
-    integer :: pivots(self%count), info
-    associate (v => self%v(:, :self%count), w => self%w(:, :self%count))
-      g = matmul(transpose(v), v)
-      h = matmul(transpose(v), w)
-    end associate
-    call dgesv(self%count, self%count, g, self%count, pivots, h, self%count, info)
-  end function restricted
-
   !> Ritz pairs, with residuals.
   subroutine ritz(self, pairs)
     class(direction_space), intent(in) :: self
     type(ritz_pairs), intent(out) :: pairs
-    real(wp), allocatable :: h(:, :), left(:, :), right(:, :), re(:), im(:), work(:)
+    real(wp), allocatable :: g(:, :), h(:, :), left(:, :), right(:, :), re(:), im(:), work(:)
     integer, allocatable :: order(:)
+    integer :: pivots(self%count)
     complex(wp), allocatable :: x(:)
     real(wp) :: size_of                       ! [-]
     integer :: k, n, info
     n = self%count
-    h = restricted(self)
+    associate (v => self%v(:, :n), w => self%w(:, :n))
+      g = matmul(transpose(v), v)
+      h = matmul(transpose(v), w)
+    end associate
+    call dgesv(n, n, g, n, pivots, h, n, info)     ! the map within the space: M V is nearest to V H
     allocate (left(n, n), right(n, n), re(n), im(n), work(8*n + 8))
     call dgeev('V', 'V', n, h, n, re, im, left, n, right, n, work, size(work), info)
     order = ascending(-hypot(re, im))         ! equal ones, the two of a pair, stay as they are

@@ -1,23 +1,16 @@
 !> Friction of joints in small motions about a state: joints that stick there are fixed, those that slide are under a
 !> constant force. `friction='free'` leaves it out.
 module held_friction
-  use friction_law, only: row_stuck
+  use friction_law, only: row_stuck, sliding
   use kinds, only: wp
   use scene_run, only: run_state
   use summary_text, only: summary_record
   use text, only: in_quotes
   implicit none (type, external)
   private
-  public :: set_friction, tell_friction
+  public :: tell_friction
 
 contains
-
-  !> Lets joints with friction stick or slip as they do at the present state, or move freely.
-  subroutine set_friction(run, word)
-    type(run_state), intent(inout) :: run
-    character(*), intent(in) :: word               !! of the deck: 'held', 'free'
-    call run%sys%hold_rows(run%y, word /= 'held')
-  end subroutine set_friction
 
   !> Says which joints are held, which slide, and which rigid stops are closed.
   subroutine tell_friction(run, text)
@@ -34,7 +27,7 @@ contains
       call tell('  rigid stops that are closed:', 'closed_stops', held)
       names = [(s%constraints(s%permanent + k)%item%name, k=1, size(laws))]
       held = states(laws%number) == row_stuck
-      slides = [(laws(k)%slides(states(laws(k)%number)) /= 0, k=1, size(laws))] .and. .not. held
+      slides = sliding(states(laws%number)) /= 0
     end associate
     call tell('  joints held by their friction:', 'held_by_friction', held)
     call tell('  joints that slide, with the friction of this state as a constant force:', 'constant_friction', slides)

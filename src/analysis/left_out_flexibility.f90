@@ -18,7 +18,7 @@ module left_out_flexibility
   use sensors, only: read_linear_sensors, read_sensors
   use sorting, only: ascending
   use summary_text, only: summary_record
-  use text, only: es_text, to_text
+  use text, only: short_text, to_text
   implicit none (type, external)
   private
   public :: flexibility_lines
@@ -57,7 +57,7 @@ contains
     call text%line('')
     call text%line('left-out modes: their share of the static response of columns (residual flexibility) to forces and')
     call text%line('moments where joints, drives, springs and loads act, and to inertia forces, each storing the same energy')
-    if (all(share <= noticed)) call text%line('  none above '//trim(adjustl(es_text(noticed, 0))))
+    if (all(share <= noticed)) call text%line('  none above '//short_text(noticed, 0))
     call text%open('static_share_of_left_out_modes', '[')
     order = ascending(-[share])
     do k = 1, count(share > noticed)

@@ -5,7 +5,6 @@ module loop_analysis
   use closed_loops, only: loop_system, most_states
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
-  use held_friction, only: set_friction
   use linear_state, only: linear_system
   use posix, only: remove_file
   use scene_run, only: run_state, no_output, stop_if_signalled
@@ -37,7 +36,7 @@ contains
     associate (s => run%sys%m%s)
       if (size(s%controllers) == 0 .or. run%d%modal%present .or. .not. run%d%transient%present) return
       if (any(s%controllers%sample > 0.0_wp)) return
-      call set_friction(run, 'free')
+      call run%sys%hold_rows(run%y, free=.true.)
       call linear_system(run, ds)
       call loops%build(run%sys%m, run%sys%ev, run%y(s%nq + 1:2*s%nq))
     end associate

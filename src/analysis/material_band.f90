@@ -2,7 +2,7 @@
 module material_band
   use kinds, only: wp, pi
   use scene_run, only: run_state
-  use text, only: es_text, fixed_text, to_text
+  use text, only: fixed_text, short_text, to_text
   implicit none (type, external)
   private
   public :: outside_band, motion_outside_band
@@ -77,7 +77,7 @@ contains
   pure function figure(f) result(words)
     real(wp), intent(in) :: f                     !! [Hz]
     character(:), allocatable :: words
-    words = trim(adjustl(es_text(f, 2)))
+    words = short_text(f, 2)
     if (f >= 0.01_wp .and. f < 1.0e4_wp) words = fixed_text(f, 2)
   end function figure
 end module material_band

@@ -4,7 +4,7 @@ module modal_analysis
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
-  use held_friction, only: set_friction, tell_friction
+  use held_friction, only: tell_friction
   use loop_analysis, only: run_loops
   use linear_state, only: linear_system, refuse_uneven, warn_of_motion
   use mode_file, only: write_modes, mode_figures
@@ -31,7 +31,7 @@ contains
     character(:), allocatable :: words
     logical :: ok, failed
     call remove_file(run%folder//'/modes.txt')
-    call set_friction(run, run%d%modal%friction)
+    call run%sys%hold_rows(run%y, run%d%modal%friction /= 'held')
     call linear_system(run, ds)
     call refuse_uneven(run, 'modal analysis', status_failed, fail)
     if (fail%happened()) return

@@ -6,7 +6,7 @@ module response_analysis
   use result_columns, only: result_column
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
-  use held_friction, only: set_friction, tell_friction
+  use held_friction, only: tell_friction
   use linear_state, only: linear_system, refuse_uneven, warn_of_motion
   use linearisation, only: marker_jacobian
   use loop_analysis, only: tell_limits
@@ -37,7 +37,7 @@ contains
     integer :: k, nq
     real(wp) :: f
     logical :: exists
-    call set_friction(run, run%d%response%friction)
+    call run%sys%hold_rows(run%y, run%d%response%friction /= 'held')
     call linear_system(run, ds)
     call refuse_uneven(run, 'frequency response', status_failed, fail)
     if (fail%happened()) return
@@ -120,71 +120,38 @@ contains
     complex(wp), intent(in) :: s                       !! [1/s]
     complex(wp), intent(out) :: values(:)              !! (columns) [unit of each column]
     logical, intent(out) :: exists                     !! there is a finite response
-    complex(wp), allocatable :: x(:), lambda(:)
-    integer :: nq
-    nq = run%sys%m%s%nq
-    allocate (x(ds%n + ds%rows), lambda(run%sys%m%s%rows))
-    x = 0.0_wp
-    if (run%d%response%drive > 0) then
-      call drive_input(run, ds, s, x)
-    else
-      call force_input(run, x)
-    end if
+    complex(wp), allocatable :: x(:), lambda(:)        ! [m, rad], right-hand side before [N, N m], [m]; [N]
+    integer, allocatable :: cols(:)
+    real(wp), allocatable :: jac(:, :), part(:, :)
+    integer :: k
+    allocate (x(ds%n + ds%rows), lambda(run%sys%m%s%rows), source=(0.0_wp, 0.0_wp))
+    associate (m => run%sys%m, ev => run%sys%ev, r => run%d%response)
+      if (r%drive > 0) then                            ! a unit amplitude of what it follows, or of a load's history
+        associate (c => m%s%constraints(m%s%joints + r%drive)%item)
+          x(ds%n + findloc(ds%active, c%first, 1)) = c%weight()/merge(s, (1.0_wp, 0.0_wp), c%rate)
+        end associate
+      else
+        k = m%s%springs + r%force
+        associate (f => m%s%forces(k)%item)
+          call marker_jacobian(m, ev, f%ia, cols, jac)
+          x(cols) = matmul(f%unit_wrench(ev%p, conditions_of(m, ev, k)), jac)
+        end associate
+      end if
+    end associate
     call ds%set(s, 1.0_wp)
     call ds%factor()
     call ds%solve(x, exists=exists)
     call loops%close(ds, s, x)
-    lambda = 0.0_wp
     lambda(ds%active) = x(ds%n + 1:)
-    if (size(ds%active) < size(lambda)) call share_reactions(run, lambda)
-    call read_linear_sensors(run%list, run%sys%m, run%sys%ev, run%y, harmonic_motion(s, x(1:nq), lambda), values)
+    if (size(ds%active) < size(lambda)) then           ! redundant joints share reactions as in the time domain: least multipliers
+      part = reshape([lambda%re, lambda%im], [size(lambda), 2])
+      do k = 1, 2
+        call run%sys%ev%schur%minimum_norm_equivalent(part(:, k))
+      end do
+      lambda = cmplx(part(:, 1), part(:, 2), wp)
+    end if
+    call read_linear_sensors(run%list, run%sys%m, run%sys%ev, run%y, harmonic_motion(s, x(1:ds%n), lambda), values)
   end subroutine respond
-
-  !> Redundant joints share their reactions as in the time domain: least multipliers.
-  subroutine share_reactions(run, lambda)
-    type(run_state), intent(inout) :: run
-    complex(wp), intent(inout) :: lambda(:)            !! (rows) [N]
-    real(wp) :: part(size(lambda), 2)
-    part(:, 1) = lambda%re
-    part(:, 2) = lambda%im
-    call run%sys%ev%schur%minimum_norm_equivalent(part(:, 1))
-    call run%sys%ev%schur%minimum_norm_equivalent(part(:, 2))
-    lambda = cmplx(part(:, 1), part(:, 2), wp)
-  end subroutine share_reactions
-
-  !> A unit amplitude of a load's history.
-  subroutine force_input(run, x)
-    type(run_state), intent(in) :: run
-    complex(wp), intent(inout) :: x(:)   !! (nq) right-hand side of the linearisation [N, N m]
-    integer, allocatable :: cols(:)
-    real(wp), allocatable :: jac(:, :)
-    real(wp) :: w(3)
-    integer :: k
-    associate (m => run%sys%m, ev => run%sys%ev)
-      k = m%s%springs + run%d%response%force
-      associate (f => m%s%forces(k)%item)
-        w = f%unit_wrench(ev%p, conditions_of(m, ev, k))
-        call marker_jacobian(m, ev, f%ia, cols, jac)
-        x(cols) = matmul(w, jac)
-      end associate
-    end associate
-  end subroutine force_input
-
-  !> A unit amplitude of what a drive follows.
-  subroutine drive_input(run, ds, s, x)
-    type(run_state), intent(in) :: run
-    type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: s   !! [1/s]
-    complex(wp), intent(inout) :: x(:)   !! (nq + rows) right-hand side of the linearisation [N, N m], [m]
-    complex(wp) :: value
-    integer :: row
-    associate (c => run%sys%m%s%constraints(run%sys%m%s%joints + run%d%response%drive)%item)
-      value = c%weight()
-      if (c%rate) value = value/s
-      row = findloc(ds%active, c%first, 1)
-      x(ds%n + row) = value
-    end associate
-  end subroutine drive_input
 
   !> Name of the input.
   function input_name(run) result(text)

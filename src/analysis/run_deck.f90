@@ -88,7 +88,9 @@ contains
     if (len(run%orbit) > 0 .and. .not. run%d%periodic%present) call fail%raise(status_bad_input, &
       '--orbit is the start of a cycle, expected it for a deck with &periodic')
     if (len(run%folder) == 0) run%folder = 'results/'//run%d%name
-    if (run%restart .and. .not. fail%happened()) call read_restart(run, fail)
+    if (run%restart .and. .not. (fail%happened() .or. run%d%transient%present)) call fail%raise(status_bad_input, &
+      'the deck has no transient that --restart could continue')
+    if (run%restart .and. .not. fail%happened()) call read_checkpoint(run%folder, run%d%text, run%d%settings, run%saved, fail)
     if (.not. (options%check .or. fail%happened())) call choose_model(run, fail)
     if (fail%happened()) then
       call fail%tell(path)
@@ -131,17 +133,6 @@ contains
     call tell(path//': standard output cannot be written')
     status = status_no_output
   end subroutine print_words
-
-  !> Reads the checkpoint that a restart needs, before anything is written.
-  subroutine read_restart(run, fail)
-    type(run_state), intent(inout) :: run
-    type(failure), intent(inout) :: fail
-    if (run%d%transient%present) then
-      call read_checkpoint(run%folder, run%d%text, run%d%settings, run%saved, fail)
-    else
-      call fail%raise(status_bad_input, 'the deck has no transient that --restart could continue')
-    end if
-  end subroutine read_restart
 
   !> Whether a fixed explicit step lies above the safe bound and is not accepted; says so (a check only warns).
   logical function step_refused(run, advice, check) result(refused)

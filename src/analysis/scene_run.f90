@@ -10,7 +10,7 @@ module scene_run
   use clearance_start, only: start_through_clearances
   use assembly_conflict, only: explain_open_joints, deck_line_of
   use assembly_reports, only: assembly_report
-  use controls, only: rest_controls
+  use controls, only: switch_on_controls
   use mechanism_ode, only: mechanism_system
   use posix, only: caught_signal
   use scene_model, only: scene
@@ -166,7 +166,7 @@ contains
       do k = 1, size(s%forces)
         call s%forces(k)%item%relax(sys%ev%p, prestress, y(2*s%nq + 1:))
       end do
-      call rest_controls(sys%m, sys%ev, y(1:s%nq), y(s%nq + 1:2*s%nq), y(2*s%nq + 1:2*s%nq + s%nz))
+      call switch_on_controls(sys%m, sys%ev, y(1:s%nq), y(s%nq + 1:2*s%nq), y(2*s%nq + 1:2*s%nq + s%nz))
     end associate
   end subroutine relax
 end module scene_run

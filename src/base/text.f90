@@ -33,13 +33,18 @@ contains
     t = long_text(int(n, ip))
   end function integer_text
 
-  !> An integer of 64 bits without blanks.
+  !> An integer of 64 bits without blanks, without a format: short decks need a thousand of them.
   pure function long_text(n) result(t)
     integer(ip), intent(in) :: n   !! any integer
     character(:), allocatable :: t
-    character(20) :: buffer
-    write (buffer, '(i0)') n
-    t = trim(buffer)
+    integer(ip) :: rest
+    t = ''
+    rest = n
+    do while (rest /= 0 .or. len(t) == 0)
+      t = achar(iachar('0') + abs(mod(rest, 10_ip)))//t
+      rest = rest/10
+    end do
+    if (n < 0) t = '-'//t
   end function long_text
 
   !> A real as d.ddE+ee after a blank or minus sign, as d.dE+eee where the exponent needs it: always decimals + 7 characters.

@@ -9,7 +9,7 @@ module build_bodies
   use deck_records, only: deck, body_record
   use body, only: body_model
   use body_operators, only: nodal_operators
-  use body_setup, only: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal, finish_elastic, &
+  use body_setup, only: add_rigid_element, number_coordinates, elastic_integrals, make_nodal, finish_elastic, &
                         body_length, find_segments
   use acting_markers, only: acting_marker, coordinates_under_load
   use modal_reduction, only: reduce_to_modes
@@ -73,7 +73,9 @@ contains
           if (l%node > 0) l%x = b%x(:, l%node)
           l%mass = r%mass
           l%inertia = r%inertia
-          call add_rigid_lump(b, l)
+          b%mass = b%mass + l%mass
+          b%i1 = b%i1 + l%mass*l%x
+          b%i11 = b%i11 + l%mass*dot_product(l%x, l%x) + l%inertia
         end associate
       end do
     end subroutine add_lumps

@@ -17,7 +17,7 @@ module projection
   real(wp), parameter :: position_goal = 2.0e-15_wp  !! |Phi| wanted, relative to the scene's size [-]
   real(wp), parameter :: rate_goal = 4.0e-15_wp      !! |Phi'| wanted, relative to the fastest marker [-]
   real(wp), parameter, public :: closed = 1.0e-12_wp   !! |Phi| of a closed mechanism, relative to the scene's size [-]
-  real(wp), parameter :: turned = 16*epsilon(1.0_wp) !! likewise, for each radian that a body has turned: its angle is rounded
+  real(wp), parameter :: angle_rounding = 16*epsilon(1.0_wp)   !! likewise, for each radian of a body's angle [-]
   real(wp), parameter :: nearly = 1.0e-4_wp          !! |Phi| from which weak pivots are tried at a nearly singular position [-]
   real(wp), parameter :: hopeless = 1.0e6_wp         !! |Phi| from which no correction is tried [-]
 
@@ -66,7 +66,7 @@ contains
     integer :: pass
     logical :: by_frames
     goal = position_goal*(self%s%size + largest(size(ev%p%r), ev%p%r))
-    enough = max(closed*self%s%size, 16*goal, turned*self%s%size*largest(size(ev%frame%angle), ev%frame%angle))
+    enough = max(closed*self%s%size, 16*goal, angle_rounding*self%s%size*largest(size(ev%frame%angle), ev%frame%angle))
     before = huge(1.0_wp)
     do pass = 1, most_passes
       call marker_kinematics(self, ev, q, v)

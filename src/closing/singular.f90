@@ -37,7 +37,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)      !! (nq) the state [m, rad], [m/s, rad/s]
     real(wp), intent(in), contiguous :: z(:), zd(:)     !! (nz) [m, rad], [m/s, rad/s]
     call evaluate(m, ev, options, t, q, v, z, zd)
-    if (.not. ev%schur%singular .or. m%redundant .or. ev%switches%shared) return
+    if (.not. ev%schur%singular .or. m%redundant .or. ev%switches%indeterminate) return
     call smooth_accelerations(m, ev, options, t, q, v, z, zd)
   end subroutine evaluate_branch
 

@@ -13,7 +13,7 @@ module event_location
 
   real(wp), parameter :: same_event = 1.0e-12_wp   !! events so near are one, of the step [-]
   real(wp), parameter :: near = 0.01_wp            !! lengths so near show how a root changes with the length, of the step [-]
-  real(wp), parameter :: least_change = 1.0e3_wp   !! of a root, to find a slope from it; of the values that count as zero [-]
+  real(wp), parameter, public :: least_change = 1.0e3_wp   !! of a root; a smaller one is rounding; of what counts as zero [-]
   integer, parameter :: most_trials = 80           !! each second one halves the interval: more than the digits of a number
   integer, parameter :: quick_trials = 6           !! after which each second one halves the interval
   real(wp), parameter :: shortest_share = 1.0e-6_wp   !! of the run: time in which events may follow one another fast [-]

@@ -4,13 +4,13 @@ module fixed_march
   use kinds, only: wp, ip
   use event_location, only: find_event, keep_roots, restart_roots, pass_event
   use ode_system, only: ode
+  use step_control, only: same_length
   use step_counts, only: step_count, rounding_of
   use time_stepper, only: stepper, step_grid, trouble_none
   implicit none (type, external)
   private
   public :: at_stop, fixed_attempt
 
-  real(wp), parameter :: on_step = 1.0e-9_wp   !! a breakpoint so near to the end of a step is there, of the step [-]
   real(wp), parameter :: joined = 1.0e-6_wp    !! a rest of a step that is shorter joins the next one, of the step [-]
   integer, parameter :: most_levels = 20       !! of divisions after an event
 
@@ -49,7 +49,7 @@ contains
     class(stepper), intent(in) :: self
     real(wp), intent(in) :: h                 !! [s]
     yes = allocated(self%settings%stops)
-    if (yes) yes = self%settings%stops(self%next_stop) <= self%tried + on_step*h + rounding_of(self%tried)
+    if (yes) yes = self%settings%stops(self%next_stop) <= self%tried + same_length*h + rounding_of(self%tried)
   end function at_stop
 
   !> The next step: its length, its end `tried`, and the end of the part of the grid that it belongs to. A stop within it ends it.
@@ -85,7 +85,7 @@ contains
     self%tried = ends
     if (.not. allocated(self%settings%stops)) return
     associate (stops => self%settings%stops, k => self%next_stop)
-      tolerance = on_step*h + rounding_of(ends)
+      tolerance = same_length*h + rounding_of(ends)
       do while (stops(k) <= self%t + tolerance .and. k < size(stops))
         k = k + 1
       end do

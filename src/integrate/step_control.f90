@@ -2,7 +2,6 @@
 !> proportional-integral controller of Hairer, Norsett and Wanner (Solving Ordinary Differential Equations I, II.4 and IV.2).
 module step_control
   use kinds, only: wp
-  use archive, only: value_archive
   implicit none (type, external)
   private
 
@@ -10,8 +9,9 @@ module step_control
   real(wp), parameter :: most_shrink = 0.2_wp, most_growth = 10.0_wp   !! bounds on the change of a step [-]
   real(wp), parameter :: integral = 0.04_wp   !! weight of the last error: beta of the reference [-]
   real(wp), parameter :: least_remembered = 1.0e-4_wp   !! a smaller error of the last step counts as this [-]
+  real(wp), parameter, public :: least_scale = 1.0e-6_wp   !! floor of a scale, of the scene's size [-], or of angles [rad]
   real(wp), parameter, public :: value_rounding = 16*epsilon(1.0_wp)   !! of a value in its last digits [-]
-  real(wp), parameter :: digits_moved = 16.0_wp   !! last digits by which the state changes where rounding is measured [-]
+  real(wp), parameter, public :: same_length = 1.0e-9_wp    !! of a step: steps and times that differ by less are the same [-]
 
   !> Groups of unknowns that share a scale: the largest value that the group has had, or its floor if that is larger.
   type, public :: error_norm
@@ -42,7 +42,6 @@ module step_control
     procedure :: accepted
     procedure :: refused
     procedure :: restart
-    procedure :: exchange
   end type step_controller
 
 contains
@@ -82,13 +81,12 @@ contains
     real(wp), intent(in) :: e(:), dy(:)       !! (n) errors of derivatives, derivatives at the end of the step [unit/s]
     real(wp), intent(in) :: h, length         !! step, the whole run [s]
     real(wp), intent(in) :: tolerance         !! [-]
-    real(wp), parameter :: least = 1.0e-6_wp
     integer :: k
     self%scale = self%steepest
     do k = 1, size(dy)
       if (self%group(k) > 0) self%scale(self%group(k)) = max(self%scale(self%group(k)), abs(dy(k)))
     end do
-    self%scale = max(self%scale, max(least*maxval(self%scale/self%floor, self%slope), 1/length**2)*self%floor)
+    self%scale = max(self%scale, max(least_scale*maxval(self%scale/self%floor, self%slope), 1/length**2)*self%floor)
     self%scale = tolerance*self%scale + maxval(self%noise/self%floor, self%slope)*self%floor &
                  + value_rounding*h*self%fastest**2*self%largest + tiny(1.0_wp)
     worst = 0.0_wp
@@ -123,7 +121,7 @@ contains
       if (self%group(k) > 0) self%scale(self%group(k)) = max(self%scale(self%group(k)), abs(y(k)))
     end do
     self%scale = self%scale + merge(rate_digits, value_digits, self%rate)*self%floor/tolerance
-    where (self%rate .and. .not. self%slope) self%scale = self%scale + h*self%noise/(digits_moved*tolerance)
+    where (self%rate .and. .not. self%slope) self%scale = self%scale + h*self%noise*epsilon(1.0_wp)/(value_rounding*tolerance)
     worst = 0.0_wp
     do k = 1, size(e)
       if (self%group(k) > 0) worst = max(worst, abs(e(k))/self%scale(self%group(k)))
@@ -167,11 +165,4 @@ contains
     self%last_error = least_remembered
     self%after_rejection = .false.
   end subroutine restart
-
-  !> Saves or restores the controller.
-  subroutine exchange(self, a)
-    class(step_controller), intent(inout) :: self
-    type(value_archive), intent(inout) :: a
-    call a%exchange(self%last_error, self%after_rejection)
-  end subroutine exchange
 end module step_control

@@ -15,7 +15,7 @@ module time_stepper
   public :: step_end, exchange_common, loss_of_accuracy
 
   !> How a call of `advance` ended: at the output time, before it, or with the solution lost.
-  integer, parameter, public :: reached = 1, paused = 2, lost = 3
+  integer, parameter, public :: reached = 1, paused = 2, diverged = 3
   !> Why the solution was lost.
   integer, parameter, public :: trouble_none = 0, trouble_size = 1, trouble_manifold = 2, trouble_accuracy = 3, &
                                 trouble_iteration = 4, trouble_shape = 5, trouble_rounding = 6, trouble_events = 7, &
@@ -75,10 +75,10 @@ module time_stepper
     integer :: next_stop = 1                  !! first of the stops after t; found again after a restart
     logical :: output_due = .false.           !! fixed: the output interval is done, but for a remainder that joins the next step
     integer :: cause = trouble_none           !! why the last trial could not be made
-    integer :: trouble = trouble_none         !! after `lost`
+    integer :: trouble = trouble_none         !! after `diverged`
     real(wp) :: tried = 0.0_wp                !! end of the step that is tried [s]
     real(wp), allocatable :: y(:)             !! (n) state at t [unit of each unknown]
-    real(wp), allocatable :: trial(:)         !! (n) the end of the step tried, also after `lost` [unit of each unknown]
+    real(wp), allocatable :: trial(:)         !! (n) the end of the step tried, also after `diverged` [unit of each unknown]
   contains
     procedure(begin_march), deferred :: begin
     procedure(make_attempt), deferred :: attempt
@@ -164,7 +164,7 @@ contains
     real(wp), intent(in) :: from, to          !! last and next output time [s]
     integer, intent(in) :: most
     real(wp), intent(inout) :: y(:)           !! (n) state [unit]
-    integer, intent(out) :: outcome           !! reached, paused or lost
+    integer, intent(out) :: outcome           !! reached, paused or diverged
     real(wp) :: end                           ! fixed steps end at the very time [s]
     integer :: attempt
     logical :: ok
@@ -176,12 +176,12 @@ contains
       attempt = attempt + 1
       if (.not. system%fault) call self%attempt(system, from, to)
       if (system%fault) self%trouble = trouble_system
-      if (self%trouble /= trouble_none) outcome = lost
-      if (outcome == lost) return
+      if (self%trouble /= trouble_none) outcome = diverged
+      if (outcome == diverged) return
     end do
     call self%output_state(system, to, y, ok)
     self%output_due = .false.
-    outcome = merge(reached, lost, ok)
+    outcome = merge(reached, diverged, ok)
   end subroutine advance
 
   !> Where a method does not divide steps, a fixed step that fails loses the solution.

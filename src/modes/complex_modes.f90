@@ -6,11 +6,12 @@ module complex_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use gyroscopic_modes, only: mass_operator, add_motion, lowest_motions, rigid_motions_first
-  use mode_list, only: mode_set, by_modulus, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same_pole
+  use mode_list, only: mode_set, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same_pole
   use natural_modes, only: lowest_natural_modes, rounding_level
   use pole_check, only: check_undamped, check_whole, describe_searched
   use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, pole_change
   use posix, only: caught_signal
+  use sorting, only: ascending
   use reduced_system, only: reduced_model, reduced_poles, usual_unknowns
   implicit none (type, external)
   private
@@ -89,7 +90,7 @@ contains
     type(pole_search), intent(inout) :: s
     logical, intent(out) :: ok
     type(reduced_poles) :: poles
-    real(wp), allocatable :: turned(:, :)
+    real(wp), allocatable :: rotated(:, :)
     logical, allocatable :: rigid_motions(:)
     integer, allocatable :: order(:)
     integer :: j, p, rigid
@@ -104,15 +105,15 @@ contains
       order = [(j, j=1, p)]
       allocate (s%decaying(0))
     else
-      call rigid_motions_first(ds, x(:, 1:p), turned, rigid, ok)
+      call rigid_motions_first(ds, x(:, 1:p), rotated, rigid, ok)
       if (.not. ok) return
-      x(:, 1:p) = turned
+      x(:, 1:p) = rotated
       rigid_motions(1:rigid) = .true.
       call s%model%build(ds, x, rigid_motions)
       call poles%find(s%model, [(j, j=1, s%model%p)], .false., ok)
       if (.not. ok) return
       s%decaying = pack(poles%lambda, decays(poles%lambda))
-      order = by_modulus(poles%lambda)
+      order = ascending(abs(poles%lambda))
       order = pack(order, .not. decays(poles%lambda(order)))
       s%starts = [((0.0_wp, 0.0_wp), j=1, rigid), poles%lambda(order)]
     end if
@@ -305,8 +306,8 @@ contains
     complex(wp), intent(in) :: shape(:)                !! (p) [-]
     type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
-    real(wp) :: residual
-    integer :: owner, kind
+    real(wp) :: residual, mass                         ! [-], [kg]
+    integer :: owner, kind, k
     logical :: ok, settled
     call search(ds, lambda, matmul(s%model%basis, shape), pole, residual, settled)
     ok = settled
@@ -325,9 +326,10 @@ contains
       pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
       residual = residual_of(ds, lambda, pole%x, 1.0_wp)
     else if (.not. s%complete) then
-      if (share_of(ds, s, pole%x) <= least_share) return
+      mass = abs(dot_product(pole%x, momentum(ds, pole%x)))
+      if (sum([(abs(dot_product(s%momenta(:, k), pole%x))**2, k=1, size(s%span, 2))]) <= least_share*mass) return
       if (.not. settled) modes%unsettled = modes%unsettled + 1
-      if (.not. settled .or. is_rigid(ds, pole)) return
+      if (.not. settled .or. abs(pole%lambda)**2 <= rounding_level(ds, abs(pole%x)/sqrt(mass))) return   ! or a rigid motion
       ok = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode) == 0
       if (.not. ok) ok = ended_near(pole%lambda, lambda) .and. double_root(ds, 1.0_wp, pole)
       if (.not. ok) return
@@ -364,13 +366,6 @@ contains
     settled = settled .and. residual <= largest_residual
   end subroutine search
 
-  !> Whether a search has ended at a rigid motion, whose pole is zero but for rounding.
-  logical function is_rigid(ds, pole) result(yes)
-    type(stiffness_system), intent(in) :: ds
-    type(pole_state), intent(in) :: pole
-    yes = abs(pole%lambda)**2 <= rounding_level(ds, abs(pole%x)/sqrt(abs(dot_product(pole%x, momentum(ds, pole%x)))))
-  end function is_rigid
-
   !> The space of the modes that are asked for, mass-orthonormal.
   subroutine span_modes(ds, s)
     type(stiffness_system), intent(in) :: ds
@@ -403,15 +398,6 @@ contains
     y = ds%times(cmplx(ds%m, 0.0_wp, wp), ds%padded(x))
     mx = y(1:ds%n)
   end function momentum
-
-  !> The share of a motion in the modes asked for, by its modal masses.
-  real(wp) function share_of(ds, s, x) result(share)
-    type(stiffness_system), intent(in) :: ds
-    type(pole_search), intent(in) :: s
-    complex(wp), intent(in) :: x(:)                    !! (n) [m, rad]
-    integer :: j
-    share = sum([(abs(dot_product(s%momenta(:, j), x))**2, j=1, size(s%span, 2))])/abs(dot_product(x, momentum(ds, x)))
-  end function share_of
 
   !> The mode that has the largest part in a shape, by modal masses.
   pure integer function nearest_mode(shape, shapes) result(best)

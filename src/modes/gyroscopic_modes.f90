@@ -98,10 +98,10 @@ contains
   end function mass_times
 
   !> The basis turned so that the rigid motions come first.
-  subroutine rigid_motions_first(ds, x, turned, rigid, ok)
+  subroutine rigid_motions_first(ds, x, rotated, rigid, ok)
     type(stiffness_system), intent(inout), target :: ds
     real(wp), intent(in) :: x(:, :)                    !! (n, p) natural modes, mass-orthonormal [1/sqrt(kg)]
-    real(wp), allocatable, intent(out) :: turned(:, :) !! (n, p) likewise [1/sqrt(kg)]
+    real(wp), allocatable, intent(out) :: rotated(:, :) !! (n, p) likewise [1/sqrt(kg)]
     integer, intent(out) :: rigid                      !! how many
     logical, intent(out) :: ok
     real(wp), allocatable :: k(:, :), q(:, :)
@@ -114,8 +114,8 @@ contains
     end do
     call rigid_motions(ds, x, k, q, rigid, ok)
     if (.not. ok) return
-    turned = matmul(x, q)
-    if (rigid > 0) call correct_rigid_motions(ds, turned, rigid)
+    rotated = matmul(x, q)
+    if (rigid > 0) call correct_rigid_motions(ds, rotated, rigid)
   end subroutine rigid_motions_first
 
   !> x - T(s)^-1 K x for the rigid motions: it removes the rest of other motions in them, of which dampers would make poles near

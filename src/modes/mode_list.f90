@@ -4,7 +4,7 @@ module mode_list
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
-  public :: mode_set, by_modulus, residual_of
+  public :: mode_set, residual_of
 
   integer, parameter, public :: undamped_mode = 0, vibration_mode = 1, further_mode = 2, real_pole = 3
 
@@ -34,19 +34,6 @@ module mode_list
   end type mode_set
 
 contains
-
-  !> Order of ascending modulus.
-  pure function by_modulus(lambda) result(order)
-    complex(wp), intent(in) :: lambda(:)               !! [1/s]
-    integer :: order(size(lambda))
-    logical :: left(size(lambda))
-    integer :: i
-    left = .true.
-    do i = 1, size(lambda)
-      order(i) = minloc(abs(lambda), 1, left)
-      left(order(i)) = .false.
-    end do
-  end function by_modulus
 
   !> Makes the list empty.
   subroutine clear(self, n)

@@ -217,11 +217,11 @@ contains
     real(wp), allocatable :: a(:, :), wr(:), wi(:), vr(:, :), work(:)
     real(wp), allocatable :: noise(:)                  ! what is rounding in rows [1/s]
     real(wp) :: left(1, 1)
-    complex(wp) :: shape(size(members))                ! [-]
+    complex(wp) :: shape(size(members)), lambda        ! [-], [1/s]
     complex(wp), allocatable :: state(:)
     logical, allocatable :: kept(:)
     integer, allocatable :: states(:)
-    integer :: n, c, e, zeros, j, k, info
+    integer :: n, c, e, zeros, j, k, r, info
     call first_order(model, members, damped, a)
     c = size(members)
     states = [pack([(j, j=1, c)], .not. model%rigid(members)), [(j, j=c + 1, size(a, 1))]]
@@ -245,7 +245,12 @@ contains
     end do
     if (damped) then
       do j = 1, n
-        if (kept(j)) kept(j) = .not. is_term_pole(model, cmplx(wr(j), wi(j), wp))
+        lambda = cmplx(wr(j), wi(j), wp)
+        do r = 1, size(model%law)                      ! but a pole of a viscoelastic term alone, in which nothing moves
+          associate (law => model%law(r))
+            kept(j) = kept(j) .and. .not. any(abs(1 + law%viscosity*lambda + law%inertia*lambda**2) <= 1.0e-9_wp)
+          end associate
+        end do
       end do
     end if
     allocate (self%lambda(count(kept)), self%shape(model%p, count(kept)))
@@ -348,17 +353,4 @@ contains
       deallocate (tau, work, pivots)
     end do
   end function zero_eigenvalues
-
-  !> Whether a pole is that of a viscoelastic term alone, in which nothing moves.
-  pure logical function is_term_pole(model, lambda) result(yes)
-    type(reduced_model), intent(in) :: model
-    complex(wp), intent(in) :: lambda                  !! [1/s]
-    integer :: r
-    yes = .false.
-    do r = 1, size(model%law)
-      associate (law => model%law(r))
-        yes = yes .or. any(abs(1 + law%viscosity*lambda + law%inertia*lambda**2) <= 1.0e-9_wp)
-      end associate
-    end do
-  end function is_term_pole
 end module reduced_system

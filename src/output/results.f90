@@ -179,10 +179,7 @@ contains
   !> Puts everything written so far on the disk.
   subroutine sync_results(self)
     class(result_set), intent(inout) :: self
-    integer :: k
-    do k = 1, size(self%used)
-      call self%files(self%used(k))%sync()
-    end do
+    call self%files%sync()
   end subroutine sync_results
 
   !> Saves or restores how far the files are.
@@ -200,10 +197,7 @@ contains
   !> Closes the files.
   subroutine close_results(self)
     class(result_set), intent(inout) :: self
-    integer :: k
-    do k = 1, size(self%files)
-      call self%files(k)%close()
-    end do
+    call self%files%close()
   end subroutine close_results
 
   !> Gives the closed files of a pass their own names, those that do not have them yet; ok is false where that cannot be.

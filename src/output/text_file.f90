@@ -139,7 +139,7 @@ contains
   end subroutine flush_file
 
   !> Hands the buffer to the system and waits until it is on the disk.
-  subroutine sync(self)
+  impure elemental subroutine sync(self)
     class(result_file), intent(inout) :: self
     if (self%handle < 0) return
     call self%flush()
@@ -155,7 +155,7 @@ contains
   end subroutine exchange
 
   !> Writes the rest of the buffer and closes the file. A row that could not be written completely is cut off.
-  subroutine close_result(self)
+  impure elemental subroutine close_result(self)
     class(result_file), intent(inout) :: self
     logical :: cut
     if (self%handle < 0) return

@@ -56,8 +56,8 @@ contains
       call add(m%incidence%row_marker(1, i), lambda(i), ev%rows%na(1, i), ev%rows%na(2, i), ev%rows%sa(i))
       call add(m%incidence%row_marker(2, i), lambda(i), ev%rows%nb(1, i), ev%rows%nb(2, i), ev%rows%sb(i))
     end do
-    do k = 1, size(m%incidence%carried)
-      i = m%incidence%carried(k)
+    do k = 1, size(m%incidence%with_carrier)
+      i = m%incidence%with_carrier(k)
       call add(m%incidence%carrier(k), lambda(i), 0.0_wp, 0.0_wp, ev%rows%sc(i))
     end do
     do k = 1, size(m%s%forces)

@@ -11,7 +11,7 @@ module contact_mass
   private
   public :: mass_at, time_of_contact, drives_against
 
-  real(wp), parameter :: no_motion = 1.0e-10_wp   !! acceleration by a unit force that is zero, over that without joints [-]
+  real(wp), parameter, public :: no_motion = 1.0e-10_wp   !! acceleration by a unit force that is zero, over that without joints [-]
 
 contains
 

@@ -2,7 +2,6 @@
 !> the internal variables.
 module controls
   use kinds, only: wp
-  use archive, only: value_archive
   use controller, only: free, at_upper, at_lower, unset, control_parts
   use evaluation_results, only: evaluation
   use evaluation_settings, only: evaluation_options
@@ -13,26 +12,13 @@ module controls
   use root_watch, only: most_roots
   implicit none (type, external)
   private
-  public :: put_out, rest_controls, start_controls, pass_control_events, exchange_controls
+  public :: put_out, switch_on_controls, start_controls, pass_control_events
   public :: control_inputs, solve_controls, control_states, control_slopes
 
 contains
 
-  !> Outputs, and rates of the states, from the motion of the markers; in a static analysis controllers are still switched off.
-  pure subroutine put_out(m, ev, options, t, z)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    type(evaluation_options), intent(in) :: options
-    real(wp), intent(in) :: t                 !! [s]
-    real(wp), intent(in) :: z(:)              !! (nz) all internal variables [m, rad, any]
-    integer :: k
-    do k = 1, size(m%s%controllers)
-      call one_output(m, ev, options, t, z, k)
-    end do
-  end subroutine put_out
-
-  !> The output of one.
-  pure subroutine one_output(m, ev, options, t, z, k)
+  !> Output of a controller, and rates of its states, from the motion of the markers; in a static analysis it is still switched off.
+  pure subroutine put_out(m, ev, options, t, z, k)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(evaluation_options), intent(in) :: options
@@ -56,10 +42,10 @@ contains
         x%limited = c%limited(law, x%output)
       end associate
     end associate
-  end subroutine one_output
+  end subroutine put_out
 
   !> States at the moment when they are switched on.
-  subroutine rest_controls(m, ev, q, v, z)
+  subroutine switch_on_controls(m, ev, q, v, z)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
@@ -73,7 +59,7 @@ contains
         ev%control(k)%state = unset
       end associate
     end do
-  end subroutine rest_controls
+  end subroutine switch_on_controls
 
   !> Starts the discrete states, which only events change from now on; takes the first sample.
   subroutine start_controls(m, ev, q, v, z, given)
@@ -83,7 +69,7 @@ contains
     real(wp), intent(inout) :: z(:)           !! (nz) [m, rad, any]
     logical, intent(in) :: given              !! the states are; else as when they are switched on
     integer :: k
-    if (.not. given) call rest_controls(m, ev, q, v, z)
+    if (.not. given) call switch_on_controls(m, ev, q, v, z)
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k), x => ev%control(k))
         if (c%sample > 0.0_wp) then
@@ -227,14 +213,4 @@ contains
       y = marker_displacement(m, ev, marker, ev%a) + [ev%p%bias(:, marker), 0.0_wp]
     end function acceleration
   end subroutine control_slopes
-
-  !> Saves or restores the discrete states.
-  subroutine exchange_controls(ev, a)
-    type(evaluation), intent(inout) :: ev
-    type(value_archive), intent(inout) :: a
-    integer :: k
-    do k = 1, size(ev%control)
-      call a%exchange(ev%control(k)%state)
-    end do
-  end subroutine exchange_controls
 end module controls

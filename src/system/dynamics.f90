@@ -50,7 +50,7 @@ contains
     call free_accelerations(size(ev%frame%cos), ev%frame%rhs, ev%frame%l, ev%frame%dinv, ev%frame%free)
     call constraint_values(self, ev, options, t)
     call condense_constraints(self, ev, .false.)
-    if (ev%creep > 0.0_wp) call ev%schur%soften(ev%creep, self%s%permanent_rows + 1)
+    if (ev%softening > 0.0_wp) call ev%schur%soften(ev%softening, self%s%permanent_rows + 1)
     call factor_joints(self, ev, options%accept_weak_pivots)
     call multiplier_forces(self, ev, options%baumgarte)
     call accelerations(self, ev, ev%lambda, .true., ev%a)
@@ -80,14 +80,18 @@ contains
     call evaluate(self, ev, usual_options(self%s), 0.0_wp, q, rest, z, z)
   end subroutine evaluate_start
 
-  !> Multipliers from S lambda = Phi_q a_free + (second derivative at zero acceleration), with Baumgarte terms if asked.
+  !> Multipliers from S lambda = Phi_q a_free + (second derivative at zero acceleration), with Baumgarte terms (1972) if asked:
+  !> 2 alpha Phi' + beta^2 Phi.
   subroutine multiplier_forces(self, ev, baumgarte)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: baumgarte(2)    !! alpha, beta [1/s]
     if (self%s%rows == 0) return
     call joint_accelerations(self, ev)
-    if (any(baumgarte > 0.0_wp)) call add_baumgarte(self, ev, baumgarte)
+    if (any(baumgarte > 0.0_wp)) then
+      call row_rates(self, ev, ev%schur%r)
+      ev%lambda = ev%lambda + 2*baumgarte(1)*ev%schur%r + baumgarte(2)**2*ev%rows%phi
+    end if
     if (allocated(ev%rows%off)) then
       call slip_multipliers(self, ev)
     else
@@ -108,13 +112,4 @@ contains
       end associate
     end do
   end subroutine drive_powers
-
-  !> 2 alpha Phi' + beta^2 Phi (Baumgarte 1972).
-  subroutine add_baumgarte(self, ev, baumgarte)
-    type(mechanism_model), intent(in) :: self
-    type(evaluation), intent(inout) :: ev
-    real(wp), intent(in) :: baumgarte(2)    !! alpha, beta [1/s]
-    call row_rates(self, ev, ev%schur%r)
-    ev%lambda = ev%lambda + 2*baumgarte(1)*ev%schur%r + baumgarte(2)**2*ev%rows%phi
-  end subroutine add_baumgarte
 end module dynamics

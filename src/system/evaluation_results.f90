@@ -50,7 +50,7 @@ module evaluation_results
   type, public :: switch_states
     integer, allocatable :: state(:)
     real(wp), allocatable :: event_value(:)     !! [m/s] or [rad/s] of stops; [m] of rows that hold
-    logical :: shared = .false.                 !! rows that hold depend on one another: how they share a load is not determined
+    logical :: indeterminate = .false.          !! rows that hold depend on one another: how they share a load is not determined
   end type switch_states
 
   !> A factor of loads that follows motions.
@@ -103,7 +103,7 @@ module evaluation_results
     real(wp), allocatable :: signals(:, :)      !! (0:1, watches) value and slope of what each of them watches [any]
     type(slip_work) :: slip
     type(switch_states) :: switches             !! discrete states of the force elements that have such
-    real(wp) :: creep = 0.0_wp                  !! added to the compliance of rows that stick, relative, while states are sought [-]
+    real(wp) :: softening = 0.0_wp              !! added to the compliance of rows that stick, relative, while states are sought [-]
     real(wp), allocatable :: lambda(:)          !! (rows) multipliers [N]
     real(wp), allocatable :: a(:)               !! (nq) accelerations, global axes for the frames' origins [m/s2, rad/s2]
     real(wp), allocatable :: zdd(:)             !! (nz) highest derivatives of internal variables [m/s2, rad/s2], [m/s, rad/s]

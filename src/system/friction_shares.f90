@@ -3,7 +3,7 @@
 module friction_shares
   use kinds, only: wp
   use evaluation_results, only: evaluation
-  use friction_law, only: row_carried
+  use friction_law, only: row_at_limit
   use joint_geometry, only: condense_geometry
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -20,16 +20,16 @@ contains
     type(evaluation), intent(inout) :: ev        !! of the present states
     logical, intent(out) :: found(:)             !! (joints with friction)
     logical, allocatable :: before(:)
-    logical :: carried
+    logical :: at_limit
     integer :: k, spare
     found = .false.
     if (size(found) == 0) return
-    carried = any(abs(ev%switches%state(size(m%s%switching) + 1:)) == row_carried)
-    if (.not. (carried .or. ev%schur%singular)) return
+    at_limit = any(abs(ev%switches%state(size(m%s%switching) + 1:)) == row_at_limit)
+    if (.not. (at_limit .or. ev%schur%singular)) return
     before = ev%schur%off
     do k = 1, size(m%s%friction)
       associate (law => m%s%friction(k))
-        if (abs(ev%switches%state(law%number)) == row_carried) ev%schur%off(law%row) = .false.
+        if (abs(ev%switches%state(law%number)) == row_at_limit) ev%schur%off(law%row) = .false.
       end associate
     end do
     spare = dependent_rows(m, ev)

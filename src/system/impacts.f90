@@ -9,6 +9,7 @@
 module impacts
   use kinds, only: wp
   use complementarity, only: solve_complementarity
+  use contact_mass, only: no_motion
   use dynamics, only: evaluate_motion, motion_state
   use evaluation_results, only: evaluation, conditions_of, motion_of_row, row_power
   use force_element, only: by_position, most_roots, watched_roots
@@ -23,7 +24,6 @@ module impacts
   private
   public :: pass_impacts, close_entered
 
-  real(wp), parameter :: immovable = 1.0e-10_wp       !! acceleration by a unit force that is zero, over that without joints [-]
   real(wp), parameter :: entered = 1.0e-12_wp         !! a penetration that is not rounding, of the scene's size [-]
 
   !> Results of a pass over the rigid stops beside the state.
@@ -116,7 +116,7 @@ contains
     end do
   end subroutine close_entered
 
-  !> Rigid stops that are closed or idle, or whose limit is reached.
+  !> Rigid stops that are closed or touched without a force, or whose limit is reached.
   subroutine find_contacts(m, ev, q, v, fallen, c)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -176,7 +176,7 @@ contains
     end do
     c%w = 0.5_wp*(c%w + transpose(c%w))
     do i = 1, c%n                             ! what drives hold does not move: the rest is rounding
-      if (c%w(i, i) > immovable*c%alone(i)) cycle
+      if (c%w(i, i) > no_motion*c%alone(i)) cycle
       c%w(i, :) = 0.0_wp
       c%w(:, i) = 0.0_wp
     end do
@@ -193,13 +193,26 @@ contains
     type(event_list), intent(inout) :: list
     type(impact_result), intent(inout) :: x
     real(wp), dimension(c%n) :: u, still, after, impulse   ! opening speeds before, so small none, after [m/s], [N s]
+    real(wp) :: b(c%n)                        ! [m/s]
+    real(wp), allocatable :: part(:)          ! [N s]
+    integer, allocatable :: chosen(:)
     logical :: met(c%n), solved
     integer :: pass, i
     do pass = 1, 4*c%n + 4
-      call opening_speeds(m, ev, c, u, still)
+      do i = 1, c%n
+        associate (row => motion_of_row(m, ev, c%place(i)))
+          u(i) = -c%side(i)*row%rate
+          still(i) = row%still
+        end associate
+      end do
       met = u < -still
       if (.not. any(met)) return
-      call push(c, u <= still, merge((1 + c%e)*u, 0.0_wp, met), impulse, solved)
+      chosen = pack([(i, i=1, c%n)], u <= still)      ! stops of which none may be entered: W x + b >= 0, x >= 0, one of both zero
+      b = merge((1 + c%e)*u, 0.0_wp, met)
+      part = b(chosen)
+      call solve_complementarity(c%w(chosen, chosen), b(chosen), part, solved)
+      impulse = 0.0_wp
+      impulse(chosen) = part
       if (.not. solved) exit
       after = u + matmul(c%w, impulse)
       call add_work()
@@ -225,34 +238,4 @@ contains
       end do
     end subroutine add_work
   end subroutine strike
-
-  !> Impulses of the chosen stops that let none of them be entered: W x + b >= 0, x >= 0, one of both zero.
-  subroutine push(c, chosen, b, x, solved)
-    type(contact_set), intent(in) :: c
-    logical, intent(in) :: chosen(:)
-    real(wp), intent(in) :: b(:)              !! [m/s]
-    real(wp), intent(out) :: x(:)             !! [N s]
-    logical, intent(out) :: solved
-    real(wp) :: part(count(chosen))           ! [N s]
-    integer, allocatable :: k(:)
-    integer :: i
-    k = pack([(i, i=1, c%n)], chosen)
-    call solve_complementarity(c%w(k, k), b(k), part, solved)
-    x = unpack(part, chosen, spread(0.0_wp, 1, c%n))
-  end subroutine push
-
-  !> Speeds at which the touched stops open, and speeds so small that they are none [m/s].
-  subroutine opening_speeds(m, ev, c, u, still)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(contact_set), intent(in) :: c
-    real(wp), intent(out) :: u(:), still(:)   !! [m/s]
-    integer :: i
-    do i = 1, c%n
-      associate (x => motion_of_row(m, ev, c%place(i)))
-        u(i) = -c%side(i)*x%rate
-        still(i) = x%still
-      end associate
-    end do
-  end subroutine opening_speeds
 end module impacts

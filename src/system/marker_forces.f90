@@ -4,7 +4,7 @@ module marker_forces
   use kinds, only: wp
   use controls, only: put_out
   use evaluation_settings, only: evaluation_options
-  use force_element, only: by_position, conditions, element_action, idle
+  use force_element, only: by_position, conditions, element_action, inactive
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -25,7 +25,9 @@ contains
     do k = 1, size(self%s%loaded)
       ev%wrench(:, self%s%loaded(k)) = 0.0_wp
     end do
-    if (size(self%s%controllers) > 0) call put_out(self, ev, options, t, z)
+    do k = 1, size(self%s%controllers)
+      call put_out(self, ev, options, t, z, k)
+    end do
     if (size(self%s%factors) > 0) call find_factors(self, ev, options, t)
     with = conditions(t, options%left_limit, options%stage, options%load_factor, options%prestress)
     do k = 1, self%s%acting
@@ -35,7 +37,7 @@ contains
         if (f%switch_number > 0) then
           with%state = ev%switches%state(f%switch_number)
           with%event_value = ev%switches%event_value(f%switch_number)
-          if (with%state == idle) then
+          if (with%state == inactive) then
             x = element_action()
             cycle
           end if

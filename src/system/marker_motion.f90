@@ -115,11 +115,11 @@ contains
   end subroutine nodal_markers
 
   !> Global position, velocity, velocity-dependent acceleration, angle and rate of a marker (theory.md, section 6).
-  pure subroutine move_marker(c, s, q, v, rho, turned, ud, r, rv, bias, angle, rate)
+  pure subroutine move_marker(c, s, q, v, rho, rotation, ud, r, rv, bias, angle, rate)
     real(wp), intent(in) :: c, s            !! of the frame angle [-]
     real(wp), intent(in) :: q(3), v(3)      !! frame: x, y, angle and rates [m, rad], [m/s, rad/s]
     real(wp), intent(in) :: rho(2)          !! x + u in body axes [m]
-    real(wp), intent(in) :: turned          !! elastic rotation [rad]
+    real(wp), intent(in) :: rotation        !! elastic rotation [rad]
     real(wp), intent(in) :: ud(3)           !! rates of u, v, rotation [m/s, rad/s]
     real(wp), intent(out) :: r(2), rv(2), bias(2), angle, rate   !! as marker_states [m, rad, per s, s2]
     real(wp) :: rel(2), b(2), w
@@ -134,7 +134,7 @@ contains
     rv(2) = v(2) + s*rel(1) + c*rel(2)
     bias(1) = c*b(1) - s*b(2)
     bias(2) = s*b(1) + c*b(2)
-    angle = q(3) + turned
+    angle = q(3) + rotation
     rate = w + ud(3)
   end subroutine move_marker
 

@@ -11,7 +11,7 @@ module mechanism
   !> The sides of constraint rows on moving bodies.
   type, extends(side_list) :: row_incidence
     integer, allocatable :: row_marker(:, :)    !! (2, rows) markers a and b of each row
-    integer, allocatable :: carried(:)          !! rows with a carrier
+    integer, allocatable :: with_carrier(:)     !! rows with a carrier
     integer, allocatable :: carrier(:)          !! its marker, of each
     integer, allocatable :: places(:), angles(:)   !! plain rows (`is_plain`): of positions, of section angles
     real(wp), allocatable :: datum(:)           !! (rows) of plain rows [m] or [rad]

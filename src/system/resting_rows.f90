@@ -6,15 +6,15 @@ module resting_rows
   use kinds, only: wp
   use dynamics, only: evaluate_motion, motion_state
   use evaluation_results, only: evaluation, motion_of_row
-  use friction_law, only: row_stuck, row_slips, row_carried, row_idle
+  use friction_law, only: row_stuck, row_slips, row_at_limit, row_unloaded
   use friction_shares, only: dependent_rows
   use mechanism, only: mechanism_model
   use root_watch, only: most_roots, resting
   implicit none (type, external)
   private
-  public :: hold_resting, settle_rows, close_low, comes_to_rest
+  public :: hold_resting, find_states, close_low, comes_to_rest
 
-  integer, parameter :: most_levels = 8      !! tenths of the creep before, from 10 to 1e-6
+  integer, parameter :: most_levels = 8      !! each softens a tenth as much as the one before, from 10 to 1e-6
   integer, parameter :: quick_passes = 12    !! of pivots; more are done at last only
   integer, parameter :: keeps = huge(1)      !! a row meets the law
   integer, parameter :: block_passes = 3     !! in which all rows change that break the law, without fewer of them [-]
@@ -29,8 +29,8 @@ module resting_rows
 
 contains
 
-  !> Rows that are at rest hold, joints from where they are, stops at their limits; their rates are to be taken off before they are
-  !> settled. Called again after that it adds those that have lost their rates with others.
+  !> Rows that are at rest hold, joints from where they are, stops at their limits; their rates are to be taken off before their
+  !> states are found. Called again after that it adds those that have lost their rates with others.
   subroutine hold_resting(m, ev, at, fallen, x, more)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -40,7 +40,7 @@ contains
     logical, intent(out) :: more                 !! rows have been added
     integer :: k, phase
     more = .false.
-    call look(m, ev, at)
+    call evaluate_states(m, ev, at)
     do phase = 1, 2                              ! what joints do depends on the stops that are closed
       do k = 1, size(x%rests)
         associate (item => m%s%constraints(m%s%permanent + k)%item)
@@ -51,8 +51,8 @@ contains
       end do
       if (more) exit
     end do
-    ev%switches%shared = .false.
-    if (more) call look(m, ev, at)
+    ev%switches%indeterminate = .false.
+    if (more) call evaluate_states(m, ev, at)
   end subroutine hold_resting
 
   !> Whether row k of those that switch rests, and holds then.
@@ -71,13 +71,13 @@ contains
       if (.not. x%rests(k)) call set_relation(m, ev, x, k, nint(sign(1.0_wp, now%rate))*row_slips)
       if (.not. x%rests(k) .or. state == row_stuck) return
       call hold(m, ev, x, k)
-      if (all(abs(state) /= merge([row_idle, row_idle], [row_slips, row_carried], one_sided))) state = row_stuck
+      if (all(abs(state) /= merge([row_unloaded, row_unloaded], [row_slips, row_at_limit], one_sided))) state = row_stuck
     end associate
   end subroutine see_whether_it_rests
 
   !> The states of the rows at rest. ok is false where no states meet the laws; `pressed` is then a stop that a drive presses, 0 if
   !> there is none. The last evaluation is that of the states found.
-  subroutine settle_rows(m, ev, at, delay, x, ok, pressed)
+  subroutine find_states(m, ev, at, delay, x, ok, pressed)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(motion_state), intent(in) :: at
@@ -87,7 +87,7 @@ contains
     integer, intent(out) :: pressed              !! its number among the elements that switch
     type(motion_state) :: later
     integer :: k
-    call look(m, ev, at)
+    call evaluate_states(m, ev, at)
     later = at
     associate (nzd => m%s%nzd)
       later%t = at%t + delay
@@ -96,14 +96,14 @@ contains
       later%z = at%z + delay*[at%zd, ev%zdd(nzd + 1:)]
       later%zd = at%zd + delay*ev%zdd(:nzd)
     end associate
-    if (.not. ev%broken) call look(m, ev, later)
+    if (.not. ev%broken) call evaluate_states(m, ev, later)
     ok = .not. ev%broken
     pressed = 0
     if (ok .and. any(x%rests)) call solve(m, ev, later, x, ok, pressed)
     do k = 1, size(m%s%friction)
       associate (law => m%s%friction(k), s => ev%switches)
         if (abs(s%state(law%number)) == row_slips) s%event_value(law%number) = law%normal_signs(ev%lambda)
-        if (s%state(law%number) == -row_idle) s%state(law%number) = row_idle
+        if (s%state(law%number) == -row_unloaded) s%state(law%number) = row_unloaded
       end associate
     end do
     do k = 1, size(x%side)
@@ -111,9 +111,9 @@ contains
         if (item%one_sided .and. .not. item%holds(ev%switches%state(number(m, k)))) ev%switches%event_value(number(m, k)) = 0.0_wp
       end associate
     end do
-    call look(m, ev, at)
+    call evaluate_states(m, ev, at)
     ok = ok .and. .not. ev%broken
-  end subroutine settle_rows
+  end subroutine find_states
 
   !> Whether a row that slips has neither a rate nor an acceleration, as behind a drive that has come to rest.
   logical function comes_to_rest(m, ev) result(yes)
@@ -129,13 +129,13 @@ contains
   end function comes_to_rest
 
   !> An evaluation with the present states.
-  subroutine look(m, ev, at)
+  subroutine evaluate_states(m, ev, at)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(motion_state), intent(in) :: at
     ev%broken = .false.
     call evaluate_motion(m, ev, at)
-  end subroutine look
+  end subroutine evaluate_states
 
   !> Solves the problem of the rows at rest, after an evaluation in which all of them hold. Where they share loads, first with rows
   !> that give way a little: its matrix is then definite, so that there is one solution.
@@ -153,14 +153,14 @@ contains
     if (.not. ok) return
     call start_as_before(m, ev, at, x)
     call sort_rows(m, ev, at, x, quick_passes, ok)
-    if (ok .and. .not. (ev%switches%shared .and. slides(m, ev, x))) return
+    if (ok .and. .not. (ev%switches%indeterminate .and. slides(m, ev, x))) return
     do level = 1, most_levels
-      ev%creep = 100*0.1_wp**level
-      call look(m, ev, at)
+      ev%softening = 100*0.1_wp**level
+      call evaluate_states(m, ev, at)
       call pivot(m, ev, at, x, quick_passes, ok)
     end do
-    ev%creep = 0.0_wp
-    call look(m, ev, at)
+    ev%softening = 0.0_wp
+    call evaluate_states(m, ev, at)
     call sort_rows(m, ev, at, x, quick_passes + 8*size(x%rests), ok)
   end subroutine solve
 
@@ -180,7 +180,7 @@ contains
       call break_away(m, ev, x, .false., found)
       if (.not. any(found)) call break_away(m, ev, x, .true., found)
       if (.not. any(found)) return
-      call look(m, ev, at)
+      call evaluate_states(m, ev, at)
     end do
     ok = .false.
   end subroutine sort_rows
@@ -224,11 +224,11 @@ contains
         if (since >= block_passes .and. k /= one) cycle
         if (next(k) /= keeps) call set_relation(m, ev, x, k, next(k))
       end do
-      call look(m, ev, at)
+      call evaluate_states(m, ev, at)
     end do
   end subroutine pivot
 
-  !> What was carried still is, and what has just begun to slip goes on where it is accelerated that way.
+  !> What was at its limit still is, and what has just begun to slip goes on where it is accelerated that way.
   subroutine start_as_before(m, ev, at, x)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -239,16 +239,16 @@ contains
     do k = 1, size(x%rests)
       if (relation(m, ev, x, k) == row_stuck .and. x%rests(k)) call set_relation(m, ev, x, k, x%before(k))
     end do
-    call look(m, ev, at)
+    call evaluate_states(m, ev, at)
     do k = 1, size(x%rests)
       if (.not. x%rests(k) .or. abs(x%before(k)) /= row_slips .or. abs(relation(m, ev, x, k)) /= row_slips) cycle
       associate (now => motion_of_row(m, ev, k), f => ev%lambda(row(m, k)))
         least = now%noise + resting*now%compliance*abs(f)
-        if (.not. ev%switches%shared) least = -least   ! it goes on
+        if (.not. ev%switches%indeterminate) least = -least ! it goes on
         if (x%before(k)*now%acceleration <= least) call set_relation(m, ev, x, k, row_stuck)
       end associate
     end do
-    call look(m, ev, at)
+    call evaluate_states(m, ev, at)
   end subroutine start_as_before
 
   !> How each row at rest is to hold next: `keeps` where it meets the law. What is within rounding, or of a row at its limit within
@@ -273,14 +273,14 @@ contains
         if (side /= 0) then
           slack = slack + resting*ev%rows%strongest
           least = 2*now%compliance*slack
-          if (state == row_stuck .and. side*f <= slack) next(k) = row_idle
+          if (state == row_stuck .and. side*f <= slack) next(k) = row_unloaded
           if (state /= row_stuck .and. side*now%acceleration > least) next(k) = row_stuck
         else if (state == row_stuck) then
-          limit = maxval(bounds(m, ev, x, k))
-          if (abs(f) > limit*(1 + resting) + slack) next(k) = nint(sign(1.0_wp, f))*row_carried
-        else if (abs(state) /= row_idle) then
-          least = ev%creep*now%compliance*abs(f) - now%noise - resting*now%compliance*abs(f)
-          if (sign(1, state)*now%acceleration < least) next(k) = merge(-row_idle, row_stuck, x%before(k) == row_idle)
+          limit = maxval(m%s%constraints(m%s%permanent + k)%item%bounds(side, ev%lambda))
+          if (abs(f) > limit*(1 + resting) + slack) next(k) = nint(sign(1.0_wp, f))*row_at_limit
+        else if (abs(state) /= row_unloaded) then
+          least = ev%softening*now%compliance*abs(f) - now%noise - resting*now%compliance*abs(f)
+          if (sign(1, state)*now%acceleration < least) next(k) = merge(-row_unloaded, row_stuck, x%before(k) == row_unloaded)
         end if
         if (next(k) /= keeps) over(k) = merge(abs(f)/max(limit, tiny(1.0_wp)), huge(1.0_wp), side == 0 .and. state == row_stuck)
       end associate
@@ -295,26 +295,26 @@ contains
     type(resting_set), intent(in) :: x
     logical, intent(in) :: alone
     logical, intent(out) :: found(:)             !! (rows that switch)
-    integer :: k, state, way
+    integer :: k, state, direction
     logical :: held
     found = .false.
     do k = 1, size(found)
       state = relation(m, ev, x, k)
-      if (.not. x%rests(k) .or. any(state == [row_stuck, row_slips, -row_slips, -row_idle])) cycle
+      if (.not. x%rests(k) .or. any(state == [row_stuck, row_slips, -row_slips, -row_unloaded])) cycle
       associate (a => ev%rows%acceleration(row(m, k)))
-        way = merge(sign(1, state), -x%side(k), x%side(k) == 0)
-        if (state == row_idle .and. x%side(k) == 0) way = nint(sign(1.0_wp, a))
-        found(k) = way*a > resting*ev%rows%largest
+        direction = merge(sign(1, state), -x%side(k), x%side(k) == 0)
+        if (state == row_unloaded .and. x%side(k) == 0) direction = nint(sign(1.0_wp, a))
+        found(k) = direction*a > resting*ev%rows%largest
       end associate
       if (alone .and. .not. found(k)) then
         held = depends(m, ev, k)
         found(k) = .not. held
       end if
-      if (found(k)) call set_relation(m, ev, x, k, way*row_slips)
+      if (found(k)) call set_relation(m, ev, x, k, direction*row_slips)
     end do
   end subroutine break_away
 
-  !> Where rows at rest depend on others: those that depend on rows that always hold are carried by these, without a force, or move
+  !> Where rows at rest depend on others: those that depend on rows that always hold need no force, or move
   !> as these accelerate them; those that depend on other rows at rest share the load with them.
   subroutine sort_dependent(m, ev, at, x, pressed)
     type(mechanism_model), intent(in) :: m
@@ -322,22 +322,22 @@ contains
     type(motion_state), intent(in) :: at
     type(resting_set), intent(inout) :: x
     integer, intent(out) :: pressed              !! number of a stop into which they drive a body, 0: none
-    logical :: carried(size(x%rests))
+    logical :: dependent(size(x%rests))
     integer :: k
     pressed = 0
-    carried = .false.
+    dependent = .false.
     ev%schur%off(m%s%permanent_rows + 1:) = .true.
-    do k = 1, size(carried)
-      if (x%rests(k)) carried(k) = depends(m, ev, k)
-      if (.not. carried(k)) cycle
-      x%before(k) = row_idle
-      call set_relation(m, ev, x, k, row_idle)
+    do k = 1, size(dependent)
+      if (x%rests(k)) dependent(k) = depends(m, ev, k)
+      if (.not. dependent(k)) cycle
+      x%before(k) = row_unloaded
+      call set_relation(m, ev, x, k, row_unloaded)
     end do
-    call look(m, ev, at)
-    ev%switches%shared = ev%schur%singular
-    do k = 1, size(carried)
+    call evaluate_states(m, ev, at)
+    ev%switches%indeterminate = ev%schur%singular
+    do k = 1, size(dependent)
       associate (now => motion_of_row(m, ev, k))
-        if (carried(k) .and. x%side(k)*now%acceleration > resting*ev%rows%largest) pressed = number(m, k)
+        if (dependent(k) .and. x%side(k)*now%acceleration > resting*ev%rows%largest) pressed = number(m, k)
       end associate
     end do
   end subroutine sort_dependent
@@ -409,16 +409,6 @@ contains
     integer, intent(in) :: k, relation
     ev%switches%state(number(m, k)) = m%s%constraints(m%s%permanent + k)%item%state_of(relation, x%side(k))
   end subroutine set_relation
-
-  !> Between which its multiplier holds it at rest [N].
-  pure function bounds(m, ev, x, k)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(resting_set), intent(in) :: x
-    integer, intent(in) :: k
-    real(wp) :: bounds(2)
-    bounds = m%s%constraints(m%s%permanent + k)%item%bounds(x%side(k), ev%lambda)
-  end function bounds
 
   !> Its number among the elements that switch.
   pure integer function number(m, k)

@@ -13,11 +13,11 @@ module slipping
   use multipliers, only: multiplier_system
   implicit none (type, external)
   private
-  public :: keep_multipliers, pressing, slip_multipliers
+  public :: painleve_ratio, slip_multipliers
 
   integer, parameter :: most_passes = 60
   integer, parameter :: refinements = 2            !! by each, what the shift of a singular S leaves falls by 1e-6
-  real(wp), parameter :: settled = 1.0e-14_wp      !! what the friction misses of its law in the last pass, of its size [-]
+  real(wp), parameter :: law_rounding = 1.0e-14_wp !! what the friction misses of its law in the last pass, of its size [-]
   real(wp), parameter :: rounding = 64*epsilon(1.0_wp)   !! the same where it falls no longer [-]
   real(wp), parameter :: slow = 0.01_wp            !! contraction from which a new matrix takes less work [-]
   real(wp), parameter :: far = 0.9_wp              !! contraction of simple passes that lead nowhere [-]
@@ -48,18 +48,8 @@ contains
     end associate
   end subroutine slip_multipliers
 
-  !> The last evaluation was that of an accepted state: those to come start from its multipliers.
-  pure subroutine keep_multipliers(ev)
-    type(evaluation), intent(inout) :: ev
-    where (abs(ev%lambda) < huge(1.0_wp))
-      ev%slip%start = ev%lambda
-    else where
-      ev%slip%start = 0.0_wp
-    end where
-  end subroutine keep_multipliers
-
-  !> Newton's method: the friction of multipliers y near x is f + D (y - x). The matrix of a singular S is shifted: what has
-  !> settled is refined.
+  !> Newton's method: the friction of multipliers y near x is f + D (y - x). The matrix of a singular S is shifted: the
+  !> solution is refined.
   subroutine newton(m, ev, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -77,7 +67,7 @@ contains
         call slip_forces(m%s%friction, ev%switches%state, w%x, w%law, strongest)
         missed = largest_difference(w%law, w%f)
         if (pass == 1) last = strongest
-        ok = missed <= settled*strongest .or. (missed <= rounding*strongest .and. missed > slow*last)
+        ok = missed <= law_rounding*strongest .or. (missed <= rounding*strongest .and. missed > slow*last)
         if (ok .or. .not. missed < huge(1.0_wp)) exit
         renew = missed > slow*last
         last = missed
@@ -108,15 +98,15 @@ contains
   end subroutine solve_linearised
 
   !> f + D x or f - D x of the rows that slip.
-  pure subroutine add_slopes(m, w, way, f)
+  pure subroutine add_slopes(m, w, sign_of, f)
     type(mechanism_model), intent(in) :: m
     type(slip_work), intent(in) :: w
-    integer, intent(in) :: way                       !! 1 or -1
+    integer, intent(in) :: sign_of                   !! 1 or -1
     real(wp), intent(inout) :: f(:)                  !! (rows) [N]
     integer :: k
     do k = 1, size(m%s%friction)
       associate (law => m%s%friction(k))
-        f(law%row) = f(law%row) + way*(w%slope(1, k)*w%x(law%first) + w%slope(2, k)*w%x(law%first + law%rows - 1))
+        f(law%row) = f(law%row) + sign_of*(w%slope(1, k)*w%x(law%first) + w%slope(2, k)*w%x(law%first + law%rows - 1))
       end associate
     end do
   end subroutine add_slopes
@@ -145,7 +135,7 @@ contains
         call ev%schur%solve_beside(w%b, w%f, w%x)
         call slip_forces(m%s%friction, ev%switches%state, w%x, w%law, strongest)
         missed = largest_difference(w%law, w%f)
-        ok = missed <= settled*strongest .or. (missed <= rounding*strongest .and. missed > far*last)
+        ok = missed <= law_rounding*strongest .or. (missed <= rounding*strongest .and. missed > far*last)
         if (ok .or. .not. missed < far*last) return
         w%f = w%law
         last = missed
@@ -156,7 +146,7 @@ contains
   !> How hard the friction of row k of those that switch presses its own joint, of what it brakes: where that is 1 or more, rigid
   !> bodies have no motion with friction, or two (Painleve 1895). With y the multipliers that a unit of friction asks for, the
   !> largest of dc/dlambda y over all directions of lambda is what c makes of y itself.
-  real(wp) function pressing(m, ev, k, others) result(ratio)   ! [-]
+  real(wp) function painleve_ratio(m, ev, k, others) result(ratio) ! [-]
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     integer, intent(in) :: k
@@ -178,7 +168,7 @@ contains
       end if
       ratio = law%kinetic*pressure_of(law, y)
     end associate
-  end function pressing
+  end function painleve_ratio
 
   !> The matrix of (A) about given multipliers, factored: S_nn + S_nt D, D = sigma dc/dlambda. ok is false where it is singular.
   subroutine factor(m, ev, lambda, without, ok)

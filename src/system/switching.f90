@@ -10,7 +10,7 @@ module switching
   use stops, only: stop_rebound
   implicit none (type, external)
   private
-  public :: start_states, watch_roots, pass_events, exchange_states, element_name, is_rigid_stop, state_word
+  public :: start_states, watch_roots, pass_events, element_name, is_rigid_stop, state_word
 
   !> An event of one element. The checkpoint keeps its words.
   type, public :: switch_event
@@ -198,17 +198,4 @@ contains
     self%items = transfer(words, self%items)
     self%count = size(self%items)
   end subroutine exchange
-
-  !> Saves or restores the states of all elements.
-  subroutine exchange_states(ev, a)
-    type(evaluation), intent(inout) :: ev
-    type(value_archive), intent(inout) :: a
-    integer :: i
-    do i = 1, size(ev%switches%state)
-      call a%exchange(ev%switches%state(i))
-    end do
-    call a%exchange(ev%switches%event_value)
-    if (allocated(ev%slip%start)) call a%exchange(ev%slip%start)
-    call a%exchange(ev%switches%shared)
-  end subroutine exchange_states
 end module switching

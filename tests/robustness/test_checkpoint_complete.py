@@ -20,19 +20,19 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     },
     ("time_stepper", "root_watch", "time_stepper", "r"): {"end", "zero", "locating"},
     ("fixed_step", "fixed_stepper", "fixed_step", "self"): {"method"},
-    ("step_control", "step_controller", "step_control", "self"): {"order"},
+    ("step_control", "step_controller", "adaptive_pair", "self%control"): {"order"},
     ("step_control", "error_norm", "adaptive_pair", "self%norm"): {
         *("group", "floor", "rate", "slope", "fastest", "bound"),
         "scale",
     },
     ("adaptive_pair", "adaptive_stepper", "adaptive_pair", "self"): {
-        *("method", "error", "last", "moved", "slope", "reaches_output"),
+        *("error", "last", "moved", "slope", "reaches_output"),
     },
     ("implicit_march", "implicit_stepper", "implicit_march", "self"): set(),
     ("step_control", "error_norm", "implicit_march", "self%norm"): {
         *("group", "floor", "rate", "slope", "fastest", "bound", "scale", "steepest", "noise"),
     },
-    ("position_measures", "position_measure", "position_measures", "self"): {"group", "grows", "weight", "by_scene"},
+    ("position_measures", "position_measure", "alpha_state", "self%measure"): {"group", "grows", "weight", "by_scene"},
     ("radau_stepper", "step_memory", "radau_stepper", "self%memory"): set(),
     ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius"},
     ("alpha_state", "alpha_solver", "alpha_state", "self"): {
@@ -53,8 +53,8 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along", "columns"},
     ("error_check", "error_watch", "error_check", "self"): {"active", "error_ratio", "between", "stored"},
     ("text_file", "result_file", "text_file", "self"): {"buffer", "failed", "handle", "used", "written"},
-    ("validity", "validity_watch", "validity", "self"): {"weight"},
-    ("step_monitor", "stability_monitor", "step_monitor", "self"): {
+    ("validity", "validity_watch", "transient", "run%watch"): {"weight"},
+    ("step_monitor", "stability_monitor", "transient", "x"): {
         *("active", "every", "steps", "method", "pole_step", "step", "ratio", "fastest", "fast", "motions", "mode"),
     },
 }

@@ -173,8 +173,8 @@ contains
     type(error_watch), intent(in) :: c
     character(:), allocatable :: text
     text = ''
-    if (c%lost_at >= 0.0_wp) then
-      text = 'the second run failed at t = '//short_text(c%lost_at, 3)//' s: errors are unknown from there on'
+    if (c%diverged_at >= 0.0_wp) then
+      text = 'the second run failed at t = '//short_text(c%diverged_at, 3)//' s: errors are unknown from there on'
     else if (first%share() > rounding .and. c%balance%largest_residual > converging*first%largest_residual) then
       text = 'the energy balance of the second run closes hardly better: vibrations that both runs damp away between rows '// &
              'are missing in these estimates; a smaller output_step or step shows them'

@@ -11,10 +11,10 @@ module march_failure
   use projection, only: open_constraints
   use root_watch, only: most_roots
   use scene_run, only: run_state
-  use slipping, only: pressing
+  use slipping, only: painleve_ratio
   use step_control, only: error_norm
   use switching, only: element_name
-  use text, only: es_text, fixed_text
+  use text, only: fixed_text, short_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape, &
                           trouble_rounding, trouble_events, trouble_system
   implicit none (type, external)
@@ -118,12 +118,12 @@ contains
     type(evaluation) :: work
     integer :: k
     allocate (ratios(0))
-    if (.not. allocated(run%sys%pressing)) return
-    ratios = run%sys%pressing
+    if (.not. allocated(run%sys%painleve)) return
+    ratios = run%sys%painleve
     if (.not. run%sys%ev%broken) return
     work = run%sys%ev
     do k = 1, size(ratios)
-      ratios(k) = max(ratios(k), pressing(run%sys%m, work, k, .false.))
+      ratios(k) = max(ratios(k), painleve_ratio(run%sys%m, work, k, .false.))
     end do
   end function ratios_now
 
@@ -309,6 +309,6 @@ contains
   function number(x) result(text)
     real(wp), intent(in) :: x                  !! [any]
     character(:), allocatable :: text
-    text = trim(adjustl(es_text(x, 6)))
+    text = short_text(x, 6)
   end function number
 end module march_failure

@@ -9,7 +9,7 @@ module transient_summary
   use loss_words, only: friction_lines, loss_lines
   use stop_words, only: stop_lines
   use summary_text, only: summary_record
-  use text, only: es_text, fixed_text
+  use text, only: either, es_text, fixed_text, short_text
   use transient, only: transient_march
   implicit none (type, external)
   private
@@ -69,30 +69,21 @@ contains
     end associate
   end subroutine still_lines
 
-  !> Says where a fixed step lay above the smallest current bound that was met.
+  !> Says where a fixed step lay above the smallest current bound that was met. That may lie below the safe bound, which covers all
+  !> directions of springs, but only the shapes of the start.
   subroutine compare_step(run, text)
     type(run_state), intent(in) :: run
     type(summary_record), intent(inout) :: text
     real(wp) :: share                          ! of the bound [-]
-    associate (r => run%d%transient)
-      share = actual_step(r%output_step, r%step)/run%monitor%smallest
+    associate (r => run%d%transient, monitor => run%monitor)
+      share = actual_step(r%output_step, r%step)/monitor%smallest
+      if (share <= 1.0_wp) return
+      call text%warn('the step was '//fixed_text(share, 3)//' times the smallest current bound, at t = '// &
+        short_text(monitor%at, 4)//' s, limited by '//trim(monitor%cause)//': what limits it grew slowly'// &
+        either('; deflections changed the inertia of flexible bodies, which the safe bound of '//short_text(run%stable_step, 4)// &
+               ' s does not count', '', monitor%smallest < 0.99_wp*run%stable_step .and. any(run%sys%m%s%bodies%flexible)))
     end associate
-    if (share <= 1.0_wp) return
-    call text%warn('the step was '//fixed_text(share, 3)//' times the smallest current bound, at t = '// &
-              trim(adjustl(es_text(run%monitor%at, 4)))//' s, limited by '//trim(run%monitor%cause)// &
-              ': what limits it grew slowly'//beyond(run))
   end subroutine compare_step
-
-  !> Why the current bound is below the safe one, which covers all directions of springs, but only the shapes of the start.
-  function beyond(run) result(text)
-    type(run_state), intent(in) :: run
-    character(:), allocatable :: text
-    text = ''
-    if (run%monitor%smallest < 0.99_wp*run%stable_step .and. any(run%sys%m%s%bodies%flexible)) then
-      text = '; deflections changed the inertia of flexible bodies, which the safe bound of '// &
-             trim(adjustl(es_text(run%stable_step, 4)))//' s does not count'
-    end if
-  end function beyond
 
   !> Says how often the motion was written where that is not what the deck asks for: it goes with the rows of the history.
   subroutine motion_interval(run, text)

@@ -3,7 +3,7 @@
 module turn_map
   use kinds, only: wp, ip, pi
   use choose_stepper, only: make_stepper
-  use controls, only: rest_controls
+  use controls, only: switch_on_controls
   use deck_records, only: transient_record
   use error_groups, only: group_unknowns
   use force_element, only: stage_transient
@@ -11,7 +11,7 @@ module turn_map
   use posix, only: caught_signal
   use scene_run, only: run_state
   use sensors, only: read_sensors
-  use step_control, only: error_norm
+  use step_control, only: error_norm, least_scale
   use step_monitor, only: method_number
   use step_counts, only: actual_step, step_count
   use stops, only: stop_model, stop_open
@@ -59,7 +59,7 @@ contains
     self%noise = merge(1.0e-12_wp, 1.0e-10_wp, self%r%method /= 'radau')
     associate (s => self%system%m%s)
       self%system%has_manifold = s%rows > 0
-      call rest_controls(self%system%m, self%system%ev, run%y(1:s%nq), run%y(s%nq + 1:2*s%nq), run%y(2*s%nq + 1:2*s%nq + s%nz))
+      call switch_on_controls(self%system%m, self%system%ev, run%y(1:s%nq), run%y(s%nq + 1:2*s%nq), run%y(2*s%nq + 1:2*s%nq + s%nz))
       allocate (repeats(s%ny), angle(s%ny), source=.false.)
       repeats(1:2*s%nq + s%nz + s%nzd) = .true.
       self%moves_on = size(run%d%periodic%moves_on) > 0
@@ -239,7 +239,6 @@ contains
     real(wp), intent(in) :: period                   !! [s]
     integer, parameter :: kinds_of_group = 12        ! of a body, rates included
     real(wp), parameter :: least = 1.0e-3_wp         ! of the largest of a kind, or of the scene's size [-]
-    real(wp), parameter :: smallest_scale = 1.0e-6_wp   ! floor of a group, of the scene's size [-]
     type(error_norm) :: norm
     real(wp), allocatable :: of_group(:)             ! [m, rad], [m/s, rad/s]
     real(wp) :: largest, still                       ! of a kind; so little is rest [m, rad], [m/s, rad/s]
@@ -261,7 +260,7 @@ contains
       still = norm%floor(g)
       if (norm%rate(g)) still = still*whole_turn/period
       norm%scale(g) = max(of_group(g), least*largest)
-      if (largest <= still) norm%scale(g) = least/smallest_scale*still
+      if (largest <= still) norm%scale(g) = least/least_scale*still
     end do
     self%scale = norm%scale(norm%group(self%compared))
     where (self%turning) self%scale = min(self%scale, 1.0_wp)

@@ -18,18 +18,19 @@ module equilibrium
   use linear_matrices, only: linear_mechanism
   use marker, only: turn
   use prescribed_motion, only: prescribe, motion_units
+  use position_closing, only: largest_motion
   use posix, only: caught_signal
   use scene_run, only: run_state, relax
   use singular, only: at_rest
   use projection, only: closed
   implicit none (type, external)
   private
-  public :: find_equilibrium, find_contacts, equilibrium_report, equations, largest_motion, move
+  public :: find_equilibrium, find_contacts, equilibrium_report, equations, move
 
   integer, parameter :: most_newton = 60
   integer, parameter :: most_halvings = 10
   integer, parameter :: most_contact_steps = 400     !! of find_contacts
-  real(wp), parameter :: far_way = 1.0e-6_wp         !! weight of a displacement in its steps: a body may be far from its stop [-]
+  real(wp), parameter :: displacement_weight = 1.0e-6_wp   !! in its steps: a body may be far from its stop [-]
   real(wp), parameter :: slowest = 1.0e-3_wp         !! least 1/tau of its steps, over the first [-]
   real(wp), parameter :: contact_growth = 50.0_wp    !! most growth of the residual in its steps: a contact may begin [-]
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
@@ -75,7 +76,7 @@ contains
       if (.not. all(abs(dx) < huge(1.0_wp))) return
       start = run%y
       before = report%residual + report%gap
-      length = min(1.0_wp, largest_turn/max(largest_motion(run, dx, 1.0_wp), tiny(1.0_wp)))
+      length = min(1.0_wp, largest_turn/max(largest_motion(run%sys%m, dx, 1.0_wp), tiny(1.0_wp)))
       do tries = 0, most_halvings
         run%y = start
         call move(run, length*dx)
@@ -125,7 +126,7 @@ contains
       dx = real(r(1:ds%n), wp)
       lambda = run%sys%ev%lambda
       lambda(ds%active) = lambda(ds%active) + real(r(ds%n + 1:), wp)
-      if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run, dx, far_way) <= largest_turn) then
+      if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run%sys%m, dx, displacement_weight) <= largest_turn) then
         call move(run, dx)
         call equations(run, options, ds, r, report, lambda)
         if (report%force <= contact_growth*before%force .and. report%gap <= max(2*before%gap, largest_turn**2)) then
@@ -138,19 +139,6 @@ contains
       call equations(run, options, ds, r, report)
     end do
   end subroutine find_contacts
-
-  !> Largest motion of a frame: relative to the size, or in radians.
-  pure real(wp) function largest_motion(run, dx, part) result(motion)
-    type(run_state), intent(in) :: run
-    real(wp), intent(in) :: dx(:)   !! (nq) [m, rad]
-    real(wp), intent(in) :: part    !! what a displacement counts beside a turn [-]
-    integer :: b, i
-    motion = 0.0_wp
-    do b = 1, size(run%sys%m%s%bodies)
-      i = run%sys%m%s%qo(b)
-      motion = max(motion, part*norm2(dx(i + 1:i + 2))/run%sys%m%s%size, abs(dx(i + 3)))
-    end do
-  end function largest_motion
 
   !> Adds a step of the linearisation's unknowns (frames in their own axes) to the positions. A frame that turns takes the
   !> velocity that its motion has where it comes to: what turns about a point goes on turning about it.

@@ -3,19 +3,20 @@
 module free_bodies
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
-  use equilibrium, only: equations, equilibrium_report, largest_motion, move
+  use equilibrium, only: equations, equilibrium_report, move
   use evaluation_settings, only: evaluation_options
   use force_element, only: bilateral, element_action
   use linear_matrices, only: linear_mechanism
   use linear_state, only: evaluate_state, linear_system_with
   use natural_modes, only: highest_ratio, rounding_level, small_shift
+  use position_closing, only: largest_motion
   use prescribed_motion, only: motion_units, weigh
   use scene_run, only: run_state
   implicit none (type, external)
   private
   public :: loose_bodies, free_bodies_under
 
-  real(wp), parameter :: aside = 0.01_wp             !! way to a position at which no slope vanishes by chance [-], [rad]
+  real(wp), parameter :: aside = 0.01_wp             !! motion to a position at which no slope vanishes by chance [-], [rad]
   real(wp), parameter :: takes_part = 1.0e-6_wp      !! energy of a body in a free motion worth naming, over the largest [-]
   integer, parameter :: most_shifts = 4              !! of a search for a free motion
 
@@ -50,7 +51,7 @@ contains
     if (.not. any(free)) return
     start = run%y
     run%y(ds%n + 1:2*ds%n) = 0.0_wp                  ! centrifugal forces of bodies that nothing drives hold nothing
-    call move(run, aside/max(aside, largest_motion(run, x, 1.0_wp))*x)
+    call move(run, aside/max(aside, largest_motion(run%sys%m, x, 1.0_wp))*x)
     call equations(run, options, ds, r, unused)
     call weigh(run, motion_units(run)*[(2 + sin(real(k, wp)**2), k=1, ds%n)], 1.0_wp, ds)
     r(ds%n + 1:) = 0.0_wp

@@ -14,7 +14,7 @@ module static_analysis
   use scene_run, only: run_state, no_output, stop_if_signalled
   use sensors, only: read_sensors
   use summary_text, only: summary_record
-  use text, only: in_quotes, joined, to_text
+  use text, only: either, in_quotes, joined, to_text
   use text_file, only: result_file
   use validity, only: validity_watch
   implicit none (type, external)
@@ -50,6 +50,8 @@ contains
     type(evaluation_options) :: part                 ! of the loads
     type(validity_watch) :: watch
     logical :: loose(size(run%sys%m%s%bodies))       ! stops or loads alone hold it
+    character(:), allocatable :: motion
+    real(wp) :: rate                                 ! of unstable motions [1/s]
     integer :: k, steps, nq
     nq = run%sys%m%s%nq
     loose = loose_bodies(run)
@@ -66,7 +68,10 @@ contains
     do k = 1, run%d%static%load_steps
       call stop_if_signalled('static analysis', fail)
       if (fail%happened()) exit
-      part = fraction_of(run%sys%options, real(k, wp)/run%d%static%load_steps)
+      part = run%sys%options                         ! free lengths and angles go from the assembled ones to the deck's
+      part%load_factor = real(k, wp)/run%d%static%load_steps
+      part%prestress = part%load_factor
+      part%gravity = part%load_factor*part%gravity
       call balance_with_rows(run, part, any(loose), report)
       steps = steps + report%steps
       if (.not. report%converged) then
@@ -74,7 +79,10 @@ contains
         call refuse_uneven(run, 'static analysis', status_failed, fail)
       end if
       if (.not. fail%happened() .and. any(loose)) call require_held(run, part, loose, fail)
-      if (.not. report%converged) call no_equilibrium(run, k, loose, fail)
+      if (.not. report%converged) call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '// &
+        to_text(k)//' of '//to_text(run%d%static%load_steps)//': the loads may exceed what the structure can carry (buckling), '// &
+        'or need more load steps'//either(', or drive on without end what only they hold:'//in_quotes(pack( &
+        run%sys%m%s%bodies%name, loose)), '', any(loose)))
       if (fail%happened()) exit                      ! the first of these counts
       call write_row(run, part, file, report)
       call watch%note(run%sys%m, run%sys%ev, run%y(1:nq), run%y(nq + 1:2*nq))
@@ -88,7 +96,10 @@ contains
     call text%line('  residual over the largest force: {residual} (rounding: {rounding})', [report%residual, report%noise])
     call text%close()
     call text%warn(watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis ', run%vibrates()))
-    if (.not. fail%happened()) call tell_growth(run, text)
+    if (fail%happened()) return
+    call find_growth(run, rate, motion)
+    if (rate > 0.0_wp) call text%warn('the static equilibrium is unstable: without damping small motions about it, most of all '// &
+                                      'of '//motion//', grow at '//to_text(rate)//' 1/s')
   end subroutine run_static
 
   !> Equilibrium under a part of the loads. Rows of rigid stops are closed and opened until no stop is entered and none pulls.
@@ -158,40 +169,6 @@ contains
         'along it; open:'//open//'; expected loads towards a stop, or something else that holds it')
     end if
   end subroutine require_held
-
-  !> Ends a search that has found nothing.
-  subroutine no_equilibrium(run, step, loose, fail)
-    type(run_state), intent(in) :: run
-    integer, intent(in) :: step                      !! of the loads
-    logical, intent(in) :: loose(:)                  !! (bodies) only stops or loads can hold it
-    type(failure), intent(inout) :: fail
-    character(:), allocatable :: why
-    why = 'the loads may exceed what the structure can carry (buckling), or need more load steps'
-    if (any(loose)) why = why//', or drive on without end what only they hold:'//in_quotes(pack(run%sys%m%s%bodies%name, loose))
-    call fail%raise(status_failed, 'the static analysis found no equilibrium at load step '//to_text(step)//' of '// &
-                    to_text(run%d%static%load_steps)//': '//why)
-  end subroutine no_equilibrium
-
-  !> Warns of an unstable equilibrium.
-  subroutine tell_growth(run, text)
-    type(run_state), intent(inout) :: run
-    type(summary_record), intent(inout) :: text !! the summary
-    real(wp) :: rate                                 ! [1/s]
-    character(:), allocatable :: motion
-    call find_growth(run, rate, motion)
-    if (rate > 0.0_wp) call text%warn('the static equilibrium is unstable: without damping small motions about it, most of all '// &
-                                      'of '//motion//', grow at '//to_text(rate)//' 1/s')
-  end subroutine tell_growth
-
-  !> A part of weight, loads and prestress: free lengths and angles go from the assembled ones to the deck's.
-  pure type(evaluation_options) function fraction_of(full, factor) result(part)
-    type(evaluation_options), intent(in) :: full
-    real(wp), intent(in) :: factor                   !! [-]
-    part = full
-    part%load_factor = factor
-    part%prestress = factor
-    part%gravity = factor*full%gravity
-  end function fraction_of
 
   !> First lines of the file.
   subroutine write_header(run, file)

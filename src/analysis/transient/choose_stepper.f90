@@ -56,9 +56,7 @@ contains
     select type (march)
     type is (alpha_march)
       march%spectral_radius = r%spectral_radius
-    type is (adaptive_stepper)
-      march%method = method_tableau(r%method)
-    type is (fixed_stepper)
+    class is (fixed_stepper)
       march%method = method_tableau(r%method)
     end select
   end subroutine make_stepper

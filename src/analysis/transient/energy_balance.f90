@@ -35,7 +35,7 @@ module energy_balance
   contains
     procedure :: begin
     procedure :: read
-    procedure :: lost
+    procedure :: diverged
     procedure :: count
     procedure :: moved
     procedure :: exchanged
@@ -115,7 +115,7 @@ contains
 
   !> Whether the balance just read shows that the solution is lost: the residual is most of the present energy, and far above all
   !> energies that the run had while its balance was closed.
-  function lost(self) result(yes)
+  function diverged(self) result(yes)
     class(balance_watch), intent(inout) :: self
     logical :: yes
     real(wp), parameter :: most_of = 0.5_wp, far_above = 1.0e3_wp   !! [-]
@@ -126,7 +126,7 @@ contains
       if (.not. yes) self%largest_balanced = max(self%largest_balanced, present)
       if (yes) yes = abs(x(5)) > far_above*max(self%largest_balanced, self%least, self%reachable, epsilon(1.0_wp)*abs(x(2)))
     end associate
-  end function lost
+  end function diverged
 
   !> Counts the row just read.
   pure subroutine count(self, steps)

@@ -15,7 +15,7 @@ module error_check
   use sensors, only: sensor_list, read_sensors
   use step_counts, only: actual_step
   use switching, only: event_list, switch_event
-  use time_stepper, only: stepper, reached, lost
+  use time_stepper, only: stepper, reached, diverged
   implicit none (type, external)
   private
 
@@ -34,7 +34,7 @@ module error_check
     real(wp), allocatable :: error(:)         !! (columns) largest difference so far [of the column]
     real(wp) :: error_ratio = 1.0_wp               !! error of the first run over the difference [-]
     integer(ip) :: done = -1                  !! rows done after that of t = 0
-    real(wp) :: lost_at = -1.0_wp             !! time at which the second run was lost, < 0: it is not [s]
+    real(wp) :: diverged_at = -1.0_wp         !! time at which the second run diverged, < 0: it is not [s]
     type(event_list) :: waiting               !! events of the first run that the second one has not had yet
     type(event_list) :: others                !! events of the second run that the first one has not had yet
     integer(ip) :: matched = 0                !! events of both runs
@@ -113,7 +113,7 @@ contains
     class(error_watch), intent(in) :: self
     integer(ip), intent(in) :: row
     logical :: yes
-    yes = self%active .and. .not. self%stored .and. self%lost_at < 0.0_wp .and. self%done < row
+    yes = self%active .and. .not. self%stored .and. self%diverged_at < 0.0_wp .and. self%done < row
   end function behind
 
   !> A few steps of the second run towards its next row.
@@ -124,7 +124,7 @@ contains
     integer, intent(in) :: most               !! steps
     integer :: outcome, k
     call self%method%advance(self%sys, from, to, most, self%y, outcome)
-    if (outcome == lost) self%lost_at = self%method%tried
+    if (outcome == diverged) self%diverged_at = self%method%tried
     if (outcome /= reached) return
     do k = 1, self%sys%events%count
       call self%others%add(self%sys%events%items(k))
@@ -134,7 +134,7 @@ contains
       call read_sensors(list, m, ev, self%y, self%values)
       call self%balance%read(m, ev, self%y, .false.)
     end associate
-    if (self%balance%lost()) self%lost_at = to
+    if (self%balance%diverged()) self%diverged_at = to
     call self%balance%count(self%method%steps)
     self%done = self%done + 1
   end subroutine advance
@@ -149,7 +149,7 @@ contains
     type(switch_event) :: a, b
     integer :: k, n
     if (self%differ_at >= 0.0_wp) self%others%count = 0
-    if (.not. self%active .or. self%lost_at >= 0.0_wp .or. self%differ_at >= 0.0_wp) return
+    if (.not. self%active .or. self%diverged_at >= 0.0_wp .or. self%differ_at >= 0.0_wp) return
     do k = 1, first%count
       call self%waiting%add(first%items(k))
     end do
@@ -189,7 +189,7 @@ contains
     class(error_watch), intent(inout) :: self
     real(wp), intent(in) :: values(:)         !! (columns) [of the column]
     if (.not. self%active) return
-    if (self%lost_at >= 0.0_wp .or. (self%between .and. self%differ_at < 0.0_wp)) return
+    if (self%diverged_at >= 0.0_wp .or. (self%between .and. self%differ_at < 0.0_wp)) return
     self%error = max(self%error, abs(values - self%values))
     if (self%differ_at < 0.0_wp) self%agreed = self%error
   end subroutine compare
@@ -204,7 +204,7 @@ contains
     call self%others%exchange(a)
     call a%exchange(self%matched, self%event_error, self%differ_at)
     if (self%stored) return
-    call a%exchange(self%done, self%lost_at)
+    call a%exchange(self%done, self%diverged_at)
     call a%exchange(self%y, self%values)
     call self%balance%exchange(a)
     call self%method%exchange(a)

@@ -4,13 +4,12 @@
 module error_groups
   use kinds, only: wp
   use scene_model, only: scene
-  use step_control, only: error_norm
+  use step_control, only: error_norm, least_scale
   implicit none (type, external)
   private
   public :: group_unknowns, fastest_growth, out_of_shape
 
-  real(wp), parameter :: least = 1.0e-6_wp     !! floor of a scale, of the scene's size [-] or an angle [rad]
-  real(wp), parameter :: absurd = 1.0e3_wp/least    !! deflection, section's rotation: no beam theory holds there, of the floor [-]
+  real(wp), parameter :: absurd = 1.0e3_wp/least_scale   !! deflection, rotation that no beam theory knows, of the floor [-]
   real(wp), parameter :: most_angle = 1.0e12_wp     !! of a frame: its sine then has four digits left [rad]
   integer, parameter :: translation = 1, angle = 2, deflection = 3, rotation = 4, extension = 5, bending = 6
   integer, parameter :: kinds_of_group = 6     !! each with the group of its rates behind it
@@ -24,7 +23,7 @@ contains
     integer :: b, k, n
     n = 2*kinds_of_group*size(s%bodies) + 2*size(s%forces) + 2*sum(s%controllers%states)
     allocate (norm%group(s%ny), source=0)
-    allocate (norm%floor(n), source=least*s%size)
+    allocate (norm%floor(n), source=least_scale*s%size)
     allocate (norm%bound(n), source=huge(1.0_wp))
     allocate (norm%rate(n), norm%slope(n), source=.false.)
     allocate (norm%largest(n), norm%scale(n), norm%steepest(n), norm%noise(n), source=0.0_wp)
@@ -40,7 +39,7 @@ contains
     do k = 1, size(s%forces)
       n = 2*(kinds_of_group*size(s%bodies) + k) - 1
       associate (f => s%forces(k)%item)
-        if (f%angular) norm%floor(n:n + 1) = least
+        if (f%angular) norm%floor(n:n + 1) = least_scale
         call assign(s, norm, n, 0, f%offset + 1, f%offset + f%law%second)
         call assign(s, norm, n, 0, f%first_order + 1, f%first_order + f%law%first)
       end associate
@@ -49,7 +48,7 @@ contains
     do k = 1, size(s%controllers)              ! each of their states is of a size of its own
       associate (c => s%controllers(k))
         do b = 1, c%states
-          norm%floor(n) = least*c%size_of(b, merge(1.0_wp, s%size, c%quantity%angular))
+          norm%floor(n) = least_scale*c%size_of(b, merge(1.0_wp, s%size, c%quantity%angular))
           call assign(s, norm, n, 0, c%first + b, c%first + b)
           n = n + 2
         end do
@@ -78,14 +77,14 @@ contains
     integer :: i, k, r, o, j, place
     i = s%qo(b)
     associate (body => s%bodies(b))
-      call floors(number(b, angle), least)
-      call floors(number(b, rotation), least)
-      call floors(number(b, bending), least)
+      call floors(number(b, angle), least_scale)
+      call floors(number(b, rotation), least_scale)
+      call floors(number(b, bending), least_scale)
       call assign(s, norm, number(b, translation), 1, i + 1, i + 2)
       call assign(s, norm, number(b, angle), 1, i + 3, i + 3)
       if (.not. body%flexible) return
-      call floors(number(b, deflection), least*s%size/body%basis%unit)
-      call floors(number(b, extension), least*s%size/body%basis%unit)
+      call floors(number(b, deflection), least_scale*s%size/body%basis%unit)
+      call floors(number(b, extension), least_scale*s%size/body%basis%unit)
       do k = 1, body%nf
         call assign(s, norm, number(b, merge(rotation, deflection, body%basis%rotation(k))), 1, i + 3 + k, i + 3 + k)
       end do

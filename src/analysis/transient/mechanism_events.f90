@@ -3,27 +3,27 @@ module mechanism_events
   use kinds, only: wp, ip
   use archive, only: value_archive
   use contact_mass, only: mass_at, time_of_contact
-  use controls, only: exchange_controls, pass_control_events, start_controls
+  use controls, only: pass_control_events, start_controls
   use dynamics, only: evaluate, marker_kinematics, motion_state
   use evaluation_results, only: conditions_of, evaluation
-  use force_element, only: by_position, idle, most_roots
-  use friction_law, only: row_carried, row_slips, row_stuck
+  use event_location, only: least_change
+  use force_element, only: by_position, inactive, most_roots
+  use friction_law, only: row_at_limit, row_slips, row_stuck, sliding
   use friction_shares, only: find_undetermined
   use friction_tally, only: joint_tally
   use impacts, only: impact_result, pass_impacts
   use mechanism_rates, only: moving_mechanism
   use projection, only: project
-  use resting_rows, only: close_low, comes_to_rest, hold_resting, resting_set, settle_rows
-  use slipping, only: keep_multipliers, pressing
+  use resting_rows, only: close_low, comes_to_rest, find_states, hold_resting, resting_set
+  use slipping, only: painleve_ratio
   use stops, only: stop_model, stop_rebound
   use switch_tally, only: element_tally
-  use switching, only: event_list, exchange_states, is_rigid_stop, pass_events, start_states, switch_event, watch_roots
+  use switching, only: event_list, is_rigid_stop, pass_events, start_states, switch_event, watch_roots
   implicit none (type, external)
   private
 
   real(wp), parameter :: difference_time = 1.0e-6_wp   !! between evaluations of a difference quotient, of an output step [-]
   real(wp), parameter :: least_rebound = 1.0e-11_wp    !! next height below which a stop closes, of the scene's size [-]
-  real(wp), parameter :: least_change = 1.0e3_wp   !! a smaller change is rounding; of the values that count as zero [-]
   integer, parameter :: checked_per_step = 4  !! joints whose Painleve's ratio is found in an accepted step
 
   !> The system with its events.
@@ -34,7 +34,7 @@ module mechanism_events
     type(joint_tally), allocatable :: friction(:)  !! of each joint with friction
     logical :: follows_stiffness = .true.     !! steps have to be short beside the stiffest contact: the method is explicit
     real(wp) :: shortest_limit = huge(1.0_wp) !! shortest of all steps that contacts allowed [s]
-    real(wp), allocatable :: pressing(:)      !! (rows that switch) Painleve's ratio when it was last found [-]
+    real(wp), allocatable :: painleve(:)      !! (rows that switch) Painleve's ratio when it was last found [-]
     integer :: last_checked = 0               !! row whose ratio was found last
     class(evaluation), allocatable, private :: nearby  !! a little later, for difference quotients
     real(wp) :: output_step = huge(1.0_wp)    !! between two rows of the history [s]
@@ -74,7 +74,7 @@ contains
     do k = 1, size(self%friction)
       self%friction(k)%position = self%position_of(k)
     end do
-    if (self%m%s%elements > 0) call settle_events(self, t, y, spread(.false., 1, self%roots), self%ev%switches%state, ok)
+    if (self%m%s%elements > 0) call apply_events(self, t, y, spread(.false., 1, self%roots), self%ev%switches%state, ok)
   end subroutine start_switching
 
   !> Position of joint k of those with friction in the last evaluation [m] or [rad].
@@ -100,14 +100,14 @@ contains
     none = .false.
     self%ev%switches%state(size(self%m%s%switching) + 1:) = by_position
     do k = 1, self%m%s%stops
-      if (is_rigid_stop(self%m, k)) self%ev%switches%state(k) = idle
+      if (is_rigid_stop(self%m, k)) self%ev%switches%state(k) = inactive
     end do
     at = self%motion_at(0.0_wp, y)
     call pass_impacts(self%m, self%ev, at, none, unheard, x)
     no_row = spread(.false., 1, size(x%side))
     set = resting_set(x%side, no_row, 0*x%side, free)
     call hold_resting(self%m, self%ev, at, none, set, more)
-    call settle_rows(self%m, self%ev, at, 0.0_wp, set, ok, k)
+    call find_states(self%m, self%ev, at, 0.0_wp, set, ok, k)
     if (size(self%m%s%friction) > 0 .and. .not. free) call check_friction(self, ok)
   end subroutine hold_rows
 
@@ -120,7 +120,7 @@ contains
     real(wp), intent(out) :: g(:), rate(:), zero(:)   !! (roots) [any], [any/s], [any]
     associate (m => self%m, ev => self%ev, s => self%m%s, z => y(2*self%m%s%nq + 1:2*self%m%s%nq + self%m%s%nz))
       if (size(s%friction) > 0 .or. holds_stops(self)) then
-        call self%look_at(t, y, left_limit)
+        call self%evaluate_state(t, y, left_limit)
         call watch_roots(m, ev, size(s%switching) + 1, s%elements, t, left_limit, z, g, rate, zero)
         call measure_rates(self, t, y, g, rate, zero)
         self%events_may_follow = comes_to_rest(m, ev)
@@ -203,7 +203,7 @@ contains
     end associate
     if (n == 0) return
     n = self%events%count
-    call settle_events(self, t, y, fallen, before, ok)
+    call apply_events(self, t, y, fallen, before, ok)
     self%unchanged = self%events%count == n .and. all(self%ev%switches%state == before) .and. &
                      .not. any(abs(self%ev%switches%event_value - event_value) > 0.0_wp) .and. &
                      .not. any(fallen(most_roots*self%m%s%elements + 1:))
@@ -211,7 +211,7 @@ contains
 
   !> Elements that switch: impacts, then events of forces, then the rows that are at rest after them. At the start nothing has
   !> fallen.
-  subroutine settle_events(self, t, y, fallen, before, ok)
+  subroutine apply_events(self, t, y, fallen, before, ok)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
@@ -237,25 +237,28 @@ contains
       call self%choose_rows()
       if (self%events%count >= first) call begin_contacts(self, t, y, self%events%items(first:self%events%count)%element, &
                                                           self%events%items(first:self%events%count)%from == 0)
-      if (ok .and. size(x%side) > 0) call settle_at_rest(self, t, y, fallen, before, x, ok)
+      if (ok .and. size(x%side) > 0) call find_resting(self, t, y, fallen, before, x, ok)
       y(sums + 1) = y(sums + 1) + sum(x%lost)
       y(sums + 3:sums + 2 + size(x%lost)) = y(sums + 3:sums + 2 + size(x%lost)) + x%lost
     end associate
     do k = first, self%events%count
       associate (event => self%events%items(k), n => size(self%tally))
         if (event%element <= n) call self%tally(event%element)%note_event(t, event%from, event%to)
-        if (event%element > n) call self%friction(event%element - n)%note_event(t, event%from, event%to)
+        if (event%element > n) call self%friction(event%element - n)%note_event(event%from, event%to)
       end associate
     end do
-    do k = 1, size(self%friction)
-      call self%friction(k)%note_position(self%position_of(k))
+    do k = 1, size(self%friction)           ! between two events it slides one way, or not at all
+      associate (x => self%friction(k))
+        x%slid = x%slid + abs(self%position_of(k) - x%position)
+        x%position = self%position_of(k)
+      end associate
     end do
     call limit_steps_at_rest(self)
-  end subroutine settle_events
+  end subroutine apply_events
 
   !> Rows at rest after any event hold or are off. Those that hold lose their rates; rows that lose theirs with them rest, too. A
   !> rebound too low to be followed ends at once.
-  subroutine settle_at_rest(self, t, y, fallen, before, x, ok)
+  subroutine find_resting(self, t, y, fallen, before, x, ok)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(inout), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
@@ -266,6 +269,7 @@ contains
     type(resting_set) :: set
     real(wp), dimension(size(x%side)) :: u, flight, last   ! speeds of rebounds [m/s]; their times, of the last ones [s]
     logical :: more, closed(size(x%side))
+    integer :: k
     ok = .false.
     closed = .false.
     set = resting_set(x%side, closed, 0*x%side)
@@ -277,18 +281,23 @@ contains
         call take_rates(self, t, y, x)
         closed = .false.
       end do
-      if (self%conflict == 0) call settle_rows(self%m, self%ev, self%motion_at(t, y), difference_time*self%output_step, set, ok, &
+      if (self%conflict == 0) call find_states(self%m, self%ev, self%motion_at(t, y), difference_time*self%output_step, set, ok, &
                                                self%conflict)
       call close_low(self%m, self%ev, set, least_rebound*self%m%s%size, u, flight, closed)
       if (.not. (ok .and. any(closed))) exit
       where (closed) last = flight
-      call lose(self, x, merge(u, 0.0_wp, closed))
+      do k = 1, size(u)                     ! energies of rebounds that end at once
+        if (.not. (closed(k) .and. u(k) > 0.0_wp)) cycle
+        associate (lost => x%lost(self%m%s%constraints(self%m%s%permanent + k)%item%switch_number))
+          lost = lost + 0.5_wp*u(k)**2/x%yield(k)
+        end associate
+      end do
     end do
     call note_states(self, t, before, x, last, flight)
     if (self%conflict > 0 .or. size(self%friction) == 0) return
     call find_undetermined(self%m, self%ev, self%friction%undetermined)
     call check_friction(self, ok)
-  end subroutine settle_at_rest
+  end subroutine find_resting
 
   !> Puts positions and rates onto the rows that hold.
   subroutine take_rates(self, t, y, x)
@@ -303,20 +312,6 @@ contains
     end associate
     if (.not. ok .and. any(x%side /= 0)) self%conflict = maxloc(x%impulse, 1)
   end subroutine take_rates
-
-  !> Energies of rebounds that end at once.
-  subroutine lose(self, x, u)
-    class(switching_mechanism), intent(in) :: self
-    type(impact_result), intent(inout) :: x
-    real(wp), intent(in) :: u(:)            !! (rows that switch) their speeds [m/s]
-    integer :: k
-    do k = 1, size(u)
-      if (.not. u(k) > 0.0_wp) cycle
-      associate (lost => x%lost(self%m%s%constraints(self%m%s%permanent + k)%item%switch_number))
-        lost = lost + 0.5_wp*u(k)**2/x%yield(k)
-      end associate
-    end do
-  end subroutine lose
 
   !> Notes new states of the rows that switch. An impact without a rebound and the state after it are one event. Rebounds that are
   !> not followed end at a later date.
@@ -347,18 +342,18 @@ contains
   end subroutine note_states
 
   !> Whether there are states of the joints with friction, and one motion with them.
-  subroutine check_friction(self, settled)
+  subroutine check_friction(self, found)
     class(switching_mechanism), intent(inout) :: self
-    logical, intent(in) :: settled
+    logical, intent(in) :: found
     integer :: k
-    if (.not. allocated(self%pressing)) allocate (self%pressing(size(self%m%s%friction)), source=0.0_wp)
+    if (.not. allocated(self%painleve)) allocate (self%painleve(size(self%m%s%friction)), source=0.0_wp)
     associate (state => self%ev%switches%state(size(self%m%s%switching) + 1:))
-      if (.not. settled) where (abs(state) == row_carried) state = sign(row_slips, state)   ! what would slip may be the cause
+      if (.not. found) where (abs(state) == row_at_limit) state = sign(row_slips, state)    ! what would slip may be the cause
     end associate
-    do k = 1, size(self%pressing)
-      self%pressing(k) = pressing(self%m, self%ev, k, .true.)
+    do k = 1, size(self%painleve)
+      self%painleve(k) = painleve_ratio(self%m, self%ev, k, .true.)
     end do
-    self%fault = .not. settled .or. any(self%pressing >= 1.0_wp)
+    self%fault = .not. found .or. any(self%painleve >= 1.0_wp)
   end subroutine check_friction
 
   !> While joints stick or rigid stops are closed, steps are not longer than the output interval: their load may change.
@@ -367,7 +362,7 @@ contains
     logical :: holds
     holds = holds_stops(self)
     associate (state => self%ev%switches%state(size(self%tally) + 1:))
-      holds = holds .or. any(state == row_stuck .or. abs(state) == row_carried)
+      holds = holds .or. any(state == row_stuck .or. abs(state) == row_at_limit)
     end associate
     self%resting_step = merge(self%output_step, huge(1.0_wp), holds)
   end subroutine limit_steps_at_rest
@@ -429,17 +424,17 @@ contains
     do i = 1, size(self%friction)
       associate (law => self%m%s%friction(i))
         associate (state => self%ev%switches%state(law%number))
-          if (law%slides(state) == 0) call self%friction(i)%note_rest(h, law%share(state, self%ev%lambda))
+          if (sliding(state) == 0) call self%friction(i)%note_rest(h, law%share(state, self%ev%lambda))
         end associate
       end associate
     end do
     call limit_steps(self)
-    if (.not. allocated(self%pressing)) return
-    call keep_multipliers(self%ev)
-    do i = 1, min(checked_per_step, size(self%pressing))
-      self%last_checked = 1 + mod(self%last_checked, size(self%pressing))
-      self%pressing(self%last_checked) = pressing(self%m, self%ev, self%last_checked, .false.)
-      self%fault = self%fault .or. self%pressing(self%last_checked) >= 1.0_wp
+    if (.not. allocated(self%painleve)) return
+    self%ev%slip%start = merge(self%ev%lambda, 0.0_wp, abs(self%ev%lambda) < huge(1.0_wp))
+    do i = 1, min(checked_per_step, size(self%painleve))
+      self%last_checked = 1 + mod(self%last_checked, size(self%painleve))
+      self%painleve(self%last_checked) = painleve_ratio(self%m, self%ev, self%last_checked, .false.)
+      self%fault = self%fault .or. self%painleve(self%last_checked) >= 1.0_wp
     end do
   end subroutine note_step
 
@@ -452,7 +447,7 @@ contains
     longest = self%longest_step
     if (self%roots == 0) return
     do i = 1, size(self%tally)
-      if (self%ev%switches%state(i) == idle) cycle
+      if (self%ev%switches%state(i) == inactive) cycle
       if (is_rigid_stop(self%m, i)) cycle   ! its contact takes no time
       select type (stop => self%m%s%forces(self%m%s%switching(i))%item)
       class is (stop_model)
@@ -466,10 +461,17 @@ contains
     class(switching_mechanism), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     integer(ip), allocatable :: words(:)
+    integer :: k
     if (self%roots == 0) return
-    call exchange_controls(self%ev, a)
-    call exchange_states(self%ev, a)
-    call a%exchange(self%longest_step, self%shortest_limit)
+    do k = 1, size(self%ev%control)
+      call a%exchange(self%ev%control(k)%state)
+    end do
+    words = self%ev%switches%state
+    call a%exchange(words)
+    self%ev%switches%state = int(words)
+    call a%exchange(self%ev%switches%event_value)
+    if (allocated(self%ev%slip%start)) call a%exchange(self%ev%slip%start)
+    call a%exchange(self%ev%switches%indeterminate, self%longest_step, self%shortest_limit)
     call self%events%exchange(a)
     words = transfer(self%tally, [0_ip])
     call a%exchange(words)
@@ -479,9 +481,9 @@ contains
     call a%exchange(words)
     self%friction = transfer(words, self%friction)
     call limit_steps_at_rest(self)
-    if (.not. allocated(self%pressing)) return
+    if (.not. allocated(self%painleve)) return
     call a%exchange(self%last_checked)
-    call a%exchange(self%pressing)
+    call a%exchange(self%painleve)
   end subroutine exchange_switches
 
   !> Implicit methods choose rows anew where states have changed; others do nothing.

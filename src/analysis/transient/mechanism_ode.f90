@@ -2,7 +2,7 @@
 module mechanism_ode
   use kinds, only: wp
   use border_row_lists, only: row_lists, list_rows, order_rows
-  use border_rows, only: regularise_weak_rows, light_shift, least_shift, strong_shift, stage_shift
+  use border_rows, only: regularise_weak_rows, light_shift, least_shift, strong_shift, stage_shift, weak_pivot
   use condensed_system, only: change_rows
   use complex_condensed_system, only: complex_matrix => condensed_matrix, set_up_complex => set_up_condensed, &
                                       change_complex => change_rows
@@ -10,7 +10,7 @@ module mechanism_ode
   use dynamics, only: evaluate, set_frames, marker_kinematics, constraint_values, row_rates
   use evaluation_settings, only: at_side
   use evaluation_results, only: powers_of
-  use force_element, only: idle
+  use force_element, only: inactive
   use mechanism, only: mechanism_model
   use mechanism_events, only: switching_mechanism
   use complex_newton_condensation, only: condense_complex => condense
@@ -22,11 +22,12 @@ module mechanism_ode
   use newton_system, only: newton_matrix, set_up_newton
   use position_measures, only: position_measure
   use stage_equations, only: factor_stages, complex_tangents
+  use step_control, only: least_scale
   use switched_rows, only: slip_gaps
   implicit none (type, external)
   private
 
-  real(wp), parameter :: weak_pivot = 1.0e-2_wp   !! of rows near a singular position: what they enlarge is rounding [-]
+  real(wp), parameter :: enlarging = 1.0e-2_wp    !! pivot of rows near a singular position that enlarge rounding [-]
 
   !> The system.
   type, extends(switching_mechanism), public :: mechanism_system
@@ -90,14 +91,14 @@ contains
     self%measure = measure_of(self%m)
   end subroutine start_implicit
 
-  !> Elements that are idle have no rows in the border of implicit steps: open stops would widen its band.
+  !> Elements that are inactive have no rows in the border of implicit steps: open stops would widen its band.
   subroutine choose_rows(self)
     class(mechanism_system), intent(inout) :: self
     type(row_lists) :: lists
     if (.not. allocated(self%t)) return
     associate (states => self%ev%switches%state)
-      if (all(self%bordered .eqv. states(:size(self%bordered)) /= idle)) return
-      self%bordered = states(:size(self%bordered)) /= idle
+      if (all(self%bordered .eqv. states(:size(self%bordered)) /= inactive)) return
+      self%bordered = states(:size(self%bordered)) /= inactive
       call list_rows(lists, self%m, states)
     end associate
     call order_rows(lists)
@@ -123,7 +124,7 @@ contains
             where (body%basis%rotation) x%group(i + 4:i + 3 + body%nf) = 4*b
             x%weight(i + 4:i + 3 + body%nf) = body%basis%reach
           end if
-          x%scale(4*b - 3:4*b) = [s%size, 1.0_wp, 1.0e-6_wp*s%size, 1.0e-6_wp]
+          x%scale(4*b - 3:4*b) = [s%size, 1.0_wp, least_scale*s%size, least_scale]
           x%grows(4*b - 3:4*b) = [.false., .false., .true., .true.]   ! frames' groups keep the scene's size, one radian
         end associate
       end do
@@ -195,8 +196,9 @@ contains
       call condense_complex(self%stages, self%m, self%ev, self%t%eq, v, a, lambda, exact, self%shift, bad)
     end if
     self%least_pivot = self%t%t%rows%least_pivot
+    self%weak_rows = self%least_pivot < weak_pivot
     self%enlargement = merge(1.0_wp, 0.0_wp, self%m%redundant)
-    if (.not. self%m%redundant .and. self%least_pivot < weak_pivot) self%enlargement = 1/sqrt(max(self%least_pivot, self%shift))
+    if (.not. self%m%redundant .and. self%least_pivot < enlarging) self%enlargement = 1/sqrt(max(self%least_pivot, self%shift))
     self%rounding_scale = rounding_scale_of(self%m, self%ev, q)
     ok = .not. bad
   end subroutine mechanism_renew

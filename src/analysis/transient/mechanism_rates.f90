@@ -28,7 +28,7 @@ module mechanism_rates
     type(evaluation_options) :: options       !! what acts in the present analysis
     type(seen_state), private :: seen         !! of an evaluation that looked for events
   contains
-    procedure :: look_at
+    procedure :: evaluate_state
     procedure :: forget
     procedure :: rates                        !! of the state with other options
     procedure :: derivative
@@ -71,7 +71,7 @@ contains
   end subroutine rates
 
   !> Evaluates a state that rates may be asked for next, unless they have just been.
-  subroutine look_at(self, t, y, left_limit)
+  subroutine evaluate_state(self, t, y, left_limit)
     class(moving_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]
     real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
@@ -85,7 +85,7 @@ contains
       seen%left_limit = left_limit
       seen%evaluation = self%ev%evaluations
     end associate
-  end subroutine look_at
+  end subroutine evaluate_state
 
   !> The last evaluation stands no longer: something other than the state has changed, or its results have been overwritten.
   subroutine forget(self)

@@ -3,7 +3,6 @@
 !> Their Rayleigh quotients give eigenvalues. At the start the true bound is known; its ratio to the estimate is used later, too.
 module step_monitor
   use kinds, only: wp, ip
-  use archive, only: value_archive
   use bound_causes, only: bound_cause, mode_cause
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
@@ -53,7 +52,6 @@ module step_monitor
   contains
     procedure :: begin => monitor_begin
     procedure :: estimate => monitor_estimate
-    procedure :: exchange => monitor_exchange
   end type stability_monitor
 
 contains
@@ -216,11 +214,4 @@ contains
     left = (self%latest - self%step)/(before - self%latest)
     n = max(n/most_often, int(min(real(n, wp), 0.5_wp*n*left)), 1)
   end function interval
-
-  !> Saves or restores what the estimates have found.
-  subroutine monitor_exchange(self, a)
-    class(stability_monitor), intent(inout) :: self
-    type(value_archive), intent(inout) :: a
-    call a%exchange(self%estimates, self%next, self%latest, self%smallest, self%at, self%cause)
-  end subroutine monitor_exchange
 end module step_monitor

@@ -4,12 +4,12 @@
 module stored_pass
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use result_columns, only: motion_columns, motion_row, result_column
+  use result_columns, only: motion_columns, result_column
   use scene_run, only: run_state
   use switching, only: event_list
   implicit none (type, external)
   private
-  public :: compared_columns, compared_row
+  public :: compared_columns
 
   !> A pass.
   type, public :: pass_rows
@@ -35,16 +35,6 @@ contains
     columns = run%list%column
     if (run%list%columns == 0) columns = motion_columns(run%sys%m)
   end function compared_columns
-
-  !> Their values at a state.
-  function compared_row(run, y, sensors) result(values)
-    type(run_state), intent(in) :: run
-    real(wp), intent(in) :: y(:)              !! (ny) the state [m, rad], [m/s, rad/s], [J]
-    real(wp), intent(in) :: sensors(:)        !! what all sensors read there [of the column]
-    real(wp), allocatable :: values(:)        !! [of the column]
-    values = sensors
-    if (size(sensors) == 0) values = motion_row(run%sys%m, y(1:run%sys%m%s%nq))
-  end function compared_row
 
   !> A row, and the events since the last one that was read.
   subroutine recall(self, row, time, values, events)

@@ -18,15 +18,16 @@ module transient
   use mechanism, only: mechanism_model
   use posix, only: caught_signal
   use progress, only: progress_line
+  use result_columns, only: motion_row
   use results, only: pass_suffix, result_set
   use run_summary, only: announce
   use scene_run, only: run_state, no_output
   use sensors, only: read_sensors
-  use stored_pass, only: compared_row, pass_rows
+  use stored_pass, only: pass_rows
   use step_control, only: error_norm
   use step_counts, only: actual_step, step_count
-  use text, only: es_text, to_text
-  use time_stepper, only: stepper, paused, lost, trouble_shape
+  use text, only: short_text, to_text
+  use time_stepper, only: stepper, paused, diverged, trouble_shape
   implicit none (type, external)
   private
   public :: run_transient
@@ -197,7 +198,7 @@ contains
         if (outcome == paused) call interrupt(run, march, fail)
         if (fail%happened()) return
       end do
-      if (outcome == lost) then
+      if (outcome == diverged) then
         if (march%method%trouble == trouble_shape) call march%norm%watch(march%method%trial)
         call explain_loss(run, march%norm, march%method, march%last, fail)
         return
@@ -222,7 +223,7 @@ contains
       most = steps_per_call
       if (monitor%active) most = int(min(int(most, ip), monitor%next - method%steps))
       call method%advance(run%sys, from, to, most, run%y, outcome)
-      if (outcome == lost .or. .not. monitor%active) return
+      if (outcome == diverged .or. .not. monitor%active) return
       if (method%steps == monitor%next) call monitor%estimate(run%sys%m, run%sys%ev, run%sys%ev%t, method%steps)
     end associate
   end subroutine one_portion
@@ -238,7 +239,10 @@ contains
     associate (y => run%y, nq => run%sys%m%s%nq, files => march%files, r => run%d%transient)
       call read_sensors(run%list, run%sys%m, run%sys%ev, y, files%values)
       call march%balance%read(run%sys%m, run%sys%ev, y, k == 0)
-      if (k == 0) march%balance%reachable = reachable_energy(run%sys%m, run%sys%ev, r%output_step)
+      ! what the largest force of the start could give the whole mass until the next row: from rest there is no other scale that
+      ! separates a first row with a large error from a lost one
+      if (k == 0) march%balance%reachable = 0.5_wp*(largest_force(run%sys%m, run%sys%ev)*r%output_step)**2/ &
+                                            sum(run%sys%m%s%bodies%mass)
       call check_row(run, march, t, fail)
       if (fail%happened()) return
       call march%balance%count(march%method%steps)
@@ -269,7 +273,8 @@ contains
     real(wp), intent(in) :: t                  !! [s]
     integer(ip), intent(in) :: k               !! number of the row
     real(wp), allocatable :: x(:)              ! the row [of the column]
-    x = compared_row(run, run%y, march%files%values)
+    x = march%files%values
+    if (size(x) == 0) x = motion_row(run%sys%m, run%y(1:run%sys%m%s%nq))
     associate (c => march%check)
       if (c%active) call march%rows%recall(k, t, c%values, c%others)
       call c%match_events(run%sys%events, march%last)
@@ -292,15 +297,6 @@ contains
     if (allocated(self%rows%values)) seen = column_range(minval(self%rows%values, 2), maxval(self%rows%values, 2))
   end function compared_range
 
-  !> The energy that the largest force of the start could give the whole mass until the next row. From rest there is no other scale
-  !> that separates a first row with a large error from a lost one.
-  pure real(wp) function reachable_energy(m, ev, time) result(energy)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev     !! evaluated
-    real(wp), intent(in) :: time               !! [s]
-    energy = 0.5_wp*(largest_force(m, ev)*time)**2/sum(m%s%bodies%mass)
-  end function reachable_energy
-
   !> Checks the row just read: energies, shapes and joints show whether the solution is lost.
   subroutine check_row(run, march, t, fail)
     type(run_state), intent(inout) :: run
@@ -310,7 +306,7 @@ contains
     real(wp), parameter :: drift = 1.0e-2_wp   !! largest gap of a joint that is accepted, of the scene's size [-]
     integer :: b
     associate (balance => march%balance, s => run%sys%m%s)
-      if (balance%lost()) then
+      if (balance%diverged()) then
         call explain_balance(run, march%norm, t, march%last, balance%row(5), balance%largest_balanced, fail)
       else if (balance%row(6) > drift*s%size) then
         call explain_drift(run, t, march%last, fail)
@@ -340,7 +336,7 @@ contains
     call save(run, march, fail)
     if (signal == 0) return
     call fail%raise(status_signal + signal, 'stopped by signal '//to_text(signal)// &
-                    ' at t = '//trim(adjustl(es_text(march%method%t, 6)))//' s; biela --restart continues from there')
+                    ' at t = '//short_text(march%method%t, 6)//' s; biela --restart continues from there')
   end subroutine interrupt
 
   !> Puts the results on the disk, then a checkpoint that refers to them.
@@ -379,8 +375,10 @@ contains
     call self%balance%exchange(a)
     call self%seen%exchange(a)
     call self%check%exchange(a)
-    call run%watch%exchange(a)
-    call run%monitor%exchange(a)
+    call a%exchange(run%watch%figures)
+    associate (x => run%monitor)
+      call a%exchange(x%estimates, x%next, x%latest, x%smallest, x%at, x%cause)
+    end associate
     call a%exchange(run%sys%ev%evaluations, run%sys%ev%solves, run%sys%ev%factorisations, run%sys%ev%schur%was_ill_conditioned)
   end subroutine exchange
 end module transient

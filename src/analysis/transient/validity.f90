@@ -2,7 +2,6 @@
 !> the first bending frequency unless stiffening is on, motion that the mesh or the modes can carry.
 module validity
   use kinds, only: wp, pi
-  use archive, only: value_archive
   use banded, only: band_factor, band_solve
   use body, only: body_model
   use elastic_operators, only: factor_entries, mass_product
@@ -34,7 +33,6 @@ module validity
   contains
     procedure :: begin
     procedure :: note
-    procedure :: exchange
     procedure :: warnings
     procedure :: elastic_frequency
   end type validity_watch
@@ -97,13 +95,6 @@ contains
       largest = max(largest, maxval(abs(a(7::3))), maxval(abs(a(8::3))))
     end do
   end function largest_slip
-
-  !> Saves or restores the figures.
-  subroutine exchange(self, a)
-    class(validity_watch), intent(inout) :: self
-    type(value_archive), intent(inout) :: a
-    call a%exchange(self%figures)
-  end subroutine exchange
 
   !> One sentence for each limit that a body passed; thick beams that bend, unless `thick_beams` has named all.
   function warnings(self, m, ev, stage, thick_named) result(text)

@@ -11,11 +11,11 @@ module position_closing
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker_motion, only: marker_kinematics
-  use text, only: either, es_text, exact_text, to_text
+  use text, only: either, exact_text, short_text, to_text
   use projection, only: closed
   implicit none (type, external)
   private
-  public :: close_positions, warn_of_drives, warn_of_motion, closed_gap
+  public :: close_positions, warn_of_drives, warn_of_motion, closed_gap, largest_motion
 
   integer, parameter :: most_newton = 200
   real(wp), parameter :: small = 1.0e-5_wp          !! |Phi| that bending may close: rounded decks; relative to the size [-]
@@ -49,7 +49,7 @@ contains
         call apply_multipliers(self, ev, ev%lambda, ev%a)
         trial = q
         before = worst
-        length = min(1.0_wp, 0.5_wp/max(largest_motion(self, ev%a), tiny(1.0_wp)))
+        length = min(1.0_wp, 0.5_wp/max(largest_motion(self, ev%a, 1.0_wp), tiny(1.0_wp)))
         do tries = 1, 12
           q = trial + length*ev%a
           call frame_positions(self, ev, q, v, worst)
@@ -87,16 +87,16 @@ contains
     gap = max(closed*self%s%size, 32*epsilon(1.0_wp)*maxval(abs(ev%p%r)))
   end function closed_gap
 
-  !> Largest change of a frame, relative to the size, or in radians.
-  pure function largest_motion(self, dq) result(motion)
+  !> Largest motion of a frame: relative to the size, or in radians.
+  pure real(wp) function largest_motion(self, dq, part) result(motion)
     type(mechanism_model), intent(in) :: self
     real(wp), intent(in) :: dq(:)   !! (nq) [m, rad]
-    real(wp) :: motion
+    real(wp), intent(in) :: part    !! what a displacement counts beside a turn [-]
     integer :: b, i
     motion = 0.0_wp
     do b = 1, size(self%s%bodies)
       i = self%s%qo(b)
-      motion = max(motion, hypot(dq(i + 1), dq(i + 2))/self%s%size, abs(dq(i + 3)))
+      motion = max(motion, part*norm2(dq(i + 1:i + 2))/self%s%size, abs(dq(i + 3)))
     end do
   end function largest_motion
 
@@ -128,8 +128,8 @@ contains
       dx = norm2(q(i + 1:i + 2) - self%s%q0(i + 1:i + 2))
       da = abs(q(i + 3) - self%s%q0(i + 3))
       by = ''
-      if (dx > least) by = by//' and '//trim(adjustl(es_text(dx, 2)))//' m'
-      if (da > far) by = by//' and '//trim(adjustl(es_text(da, 2)))//' rad'
+      if (dx > least) by = by//' and '//short_text(dx, 2)//' m'
+      if (da > far) by = by//' and '//short_text(da, 2)//' rad'
       if (len(by) > 0) call add_warning(report, 'assembly moved body "'//trim(self%s%bodies(b)%name)//'" by '//by(6:)// &
                                         ': are its deck position and angle right?')
     end do

@@ -45,7 +45,8 @@ contains
     if (self%redundant) ev%schur%shift = 1.0e-9_wp
     call evaluate_start(self, ev, q, v)
     do k = 1, mixtures
-      call null_vector(ev, weak, k, x)
+      x = merge([(1.5_wp + sin(real(i, wp)*(k + 0.3_wp)**2), i=1, size(x))], 0.0_wp, weak)
+      call ev%schur%remove_range(x)
       do i = 1, size(self%s%constraints)
         associate (c => self%s%constraints(i)%item)
           if (any(abs(x(c%first:c%first + c%rows - 1)) > 1.0e-5_wp)) report%dependent(i) = .true.
@@ -84,16 +85,4 @@ contains
     call ev%schur%weak_rows(weak)
     yes = any(weak)
   end function stays_redundant
-
-  !> The part in the null space of S of a weighted sum of the dependent rows' unit vectors. Such parts span the null space. So each
-  !> row of any redundant set has an entry here, unless entries cancel by chance.
-  subroutine null_vector(ev, weak, number, x)
-    type(evaluation), intent(inout) :: ev
-    logical, intent(in) :: weak(:)            !! (rows) dependent
-    integer, intent(in) :: number             !! which mixture
-    real(wp), intent(out) :: x(:)             !! (rows) [-]
-    integer :: k
-    x = merge([(1.5_wp + sin(real(k, wp)*(number + 0.3_wp)**2), k=1, size(x))], 0.0_wp, weak)
-    call ev%schur%remove_range(x)
-  end subroutine null_vector
 end module redundancy

@@ -11,7 +11,7 @@ module velocity_closing
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model, factor_frame
   use marker_motion, only: marker_kinematics
-  use text, only: es_text
+  use text, only: short_text
   implicit none (type, external)
   private
   public :: close_velocities
@@ -189,8 +189,8 @@ contains
       along = merge(norm2(v(i + 1:i + 2) - start(i + 1:i + 2)), 0.0_wp, self%s%stated(i + 1))
       around = merge(abs(v(i + 3) - start(i + 3)), 0.0_wp, self%s%stated(i + 3))
       by = ''
-      if (along > 1.0e-6_wp*scale) by = by//' and '//trim(adjustl(es_text(along, 2)))//' m/s'
-      if (self%s%size*around > 1.0e-6_wp*scale) by = by//' and '//trim(adjustl(es_text(around, 2)))//' rad/s'
+      if (along > 1.0e-6_wp*scale) by = by//' and '//short_text(along, 2)//' m/s'
+      if (self%s%size*around > 1.0e-6_wp*scale) by = by//' and '//short_text(around, 2)//' rad/s'
       if (len(by) > 0) call add_warning(report, 'the stated velocity of body "'//trim(self%s%bodies(b)%name)// &
                                         '" contradicts the joints and was corrected by '//by(6:))
     end do

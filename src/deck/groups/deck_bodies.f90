@@ -37,7 +37,6 @@ contains
     if (.not. deck%is_set('element_material')) b%element_material = b%material
     call check_layers()
     call check_switches()
-    call check_free_reference()
     known = deck%is_choice('rigid') .or. (deck%is_choice(elastic) .and. b%nodes > 0)
     if (known .and. deck%is_choice(elastic)) call check_reference(deck, b)
   contains
@@ -135,6 +134,9 @@ contains
       if (deck%is_choice('frame') .and. .not. b%axial) call deck%complain('axial', 'axial=.false. does not apply to '// &
         'kind=''frame'': where elements meet at an angle the axial motion of one is the bending of the other, expected '// &
         'axial=.true. or kind=''beam''')
+      if (deck%is_set('reference') .and. b%reference == 'free' .and. deck%is_known('modes') .and. .not. reduced()) call &
+        deck%complain('reference', 'reference=''free'' with nodal coordinates (modes=0): nothing would fix the body''s frame, '// &
+        'expected modes > 0')
       if (.not. b%stiffening) return
       if (.not. b%axial) call deck%complain('stiffening', 'stiffening=.true. with axial=.false.: the quadratic strain '// &
         'shortens the chord, which needs axial deformation or it locks the beam, expected axial=.true.')
@@ -147,12 +149,5 @@ contains
     pure logical function reduced() result(yes)
       yes = b%modes > 0 .or. b%auto_modes
     end function reduced
-
-    !> With nodal coordinates something fixes the body's frame to its nodes.
-    subroutine check_free_reference()
-      if (.not. (deck%is_set('reference') .and. deck%is_known('modes')) .or. reduced()) return
-      if (b%reference == 'free') call deck%complain('reference', 'reference=''free'' with nodal coordinates (modes=0): '// &
-        'nothing would fix the body''s frame, expected modes > 0')
-    end subroutine check_free_reference
   end subroutine read_body
 end module deck_bodies

@@ -40,8 +40,9 @@ contains
       associate (r => d%controllers(k))
         call find_column(d, r%at, 'argument', r%argument, deck%faults)
         if (r%argument%number > 0 .and. abs(r%kd) > 0.0_wp .and. .not. r%filter > 0.0_wp) then
-          if (is_rate(d%sensors(r%argument%sensor)%quantity, r%argument%suffix)) call r%at%blame(deck%faults, 'kd of a rate '// &
-            'needs accelerations, which follow from the forces themselves, expected filter > 0 (s), or the position as argument')
+          if (any(d%sensors(r%argument%sensor)%quantity == [character(20) :: 'velocity', 'angular_velocity']) .or. &
+              r%argument%suffix == '.qd') call r%at%blame(deck%faults, 'kd of a rate needs accelerations, which follow from '// &
+                                                    'the forces themselves, expected filter > 0 (s), or the position as argument')
         end if
         if (r%sample > 0.0_wp .and. (d%modal%present .or. d%response%present)) call r%at%blame(deck%faults, 'sample holds the '// &
           'output, and what is held has no poles; expected no sample in a deck with &modal or &frequency_response, or '// &
@@ -49,10 +50,4 @@ contains
       end associate
     end do
   end subroutine check_controllers
-
-  !> Whether a column of motion is a rate.
-  pure logical function is_rate(quantity, suffix)
-    character(*), intent(in) :: quantity, suffix
-    is_rate = any(quantity == [character(20) :: 'velocity', 'angular_velocity']) .or. suffix == '.qd'
-  end function is_rate
 end module deck_controllers

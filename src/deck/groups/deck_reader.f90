@@ -80,11 +80,20 @@ contains
     call check_response()
     call check_reduction()
     call check_periodic(d, source%faults)
-    call find_arguments()
+    do k = 1, size(d%forces)
+      call find_column(d, d%forces(k)%at, 'argument', d%forces(k)%argument, source%faults)
+    end do
+    do k = 1, size(d%histories)
+      call find_column(d, d%histories(k)%at, 'argument', d%histories(k)%argument, source%faults)
+    end do
     call check_controllers(d, source)
     call check_histories(source, d%histories, d%transient%t_end)
     call set_temperatures(d, source%faults)
-    call list_settings()
+    d%settings = ''
+    do k = 1, size(p)                              ! parameters that the command line sets
+      if (p(k)%source == 0) d%settings = d%settings//'! --set '//trim(d%parameters(k)%name)//'='// &
+        exact_text(d%parameters(k)%value)//achar(10)
+    end do
     d%text = text%all()//table_files(d%histories, d%profiles)//d%settings
     needed = .true.
     if (present(library)) needed = .not. library
@@ -250,16 +259,6 @@ contains
       end select
     end subroutine read_group
 
-    !> The parameters that the command line sets, with their values.
-    subroutine list_settings()
-      integer :: k
-      d%settings = ''
-      do k = 1, size(p)
-        if (p(k)%source == 0) d%settings = d%settings//'! --set '//trim(d%parameters(k)%name)//'='// &
-          exact_text(d%parameters(k)%value)//achar(10)
-      end do
-    end subroutine list_settings
-
     !> Powers, energies and pressures are products, a largest stress changes its place: they have no linear response.
     subroutine check_response()
       integer :: k
@@ -298,17 +297,6 @@ contains
         end associate
       end do
     end subroutine check_reduction
-
-    !> Columns of sensors that forces and histories follow.
-    subroutine find_arguments()
-      integer :: k
-      do k = 1, size(d%forces)
-        call find_column(d, d%forces(k)%at, 'argument', d%forces(k)%argument, source%faults)
-      end do
-      do k = 1, size(d%histories)
-        call find_column(d, d%histories(k)%at, 'argument', d%histories(k)%argument, source%faults)
-      end do
-    end subroutine find_arguments
 
     !> A rigid body needs inertia about its mass centre, its own or that of lumps.
     subroutine check_inertia()

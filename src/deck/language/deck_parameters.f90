@@ -4,14 +4,14 @@
 module deck_parameters
   use kinds, only: wp
   use readable_text, only: printable
-  use text, only: either, lower, quoted
+  use text, only: either, lower, nearest_word, quoted
   use deck_input, only: deck_source
   use deck_keys, only: in_parameter
   use deck_names, only: not_there
   use deck_numbers, only: check_range
   use deck_overrides, only: is_override
   use deck_syntax, only: value_token, bare_value, expression_value, string_value, bad_value
-  use expression, only: evaluate, find_names, most_names, name_letters, nearest_constant
+  use expression, only: constants, evaluate, find_names, most_names, name_letters
   implicit none (type, external)
   private
   public :: compute_values
@@ -213,7 +213,7 @@ contains
         good = good .and. k > 0
         if (k == not_there) then
           call deck%nearest(file, in_parameter, trim(names(j)), best)
-          if (len(best) == 0) best = nearest_constant(names(j))
+          if (len(best) == 0 .and. nearest_word(names(j), constants) > 0) best = trim(constants(nearest_word(names(j), constants)))
           if (len(best) > 0) best = 'did you mean '//best//'?'
           if (len(best) == 0) best = 'expected a &parameter, a constant or a function; '// &
             'names of other things stand in quotes, without braces'

@@ -46,7 +46,7 @@ contains
       part = rest(1:slash - 1)
       rest = rest(min(slash + 1, len(rest) + 1):)
       if (part == '' .or. part == '.') cycle
-      if (part == '..' .and. can_go_up(path)) then
+      if (part == '..' .and. len(path) > 1 .and. index('/'//path, '/../', back=.true.) < max(1, len(path) - 2)) then
         path = folder_of(path(1:len(path) - 1))
       else
         path = path//part
@@ -55,14 +55,4 @@ contains
     end do
     if (len(path) == 0) path = '.'           ! the current folder
   end function beside
-
-  !> Whether the last part of a folder's path can be dropped for `..`.
-  pure logical function can_go_up(path) result(yes)
-    character(*), intent(in) :: path   !! empty or with a closing slash
-    integer :: before
-    yes = len(path) > 1
-    if (.not. yes) return
-    before = index(path(1:len(path) - 1), '/', back=.true.)
-    yes = path(before + 1:) /= '../'
-  end function can_go_up
 end module deck_paths

@@ -22,8 +22,6 @@ module deck_syntax
 
   integer, parameter, public :: unknown = 0, taken = 1, usable = 2   !! what became of an assignment
 
-  integer, parameter :: hashes = 4096   !! size of the hash table of files
-
   !> One value of an assignment.
   type, public :: value_token
     integer :: form = bare_value
@@ -72,7 +70,7 @@ module deck_syntax
     character(:), allocatable :: prefix !! of the names that it defines, those of the parts around it in front
     integer :: outer = 0                !! number of the file of the part around it, 0: it belongs to the deck itself
     integer :: depth = 0                !! how many files include each other above it
-    integer :: next = 0                 !! number of another file whose path has the same hash, 0: none
+    integer :: hash = 0                 !! of the key
     integer :: original = 0             !! number of the file that was first read from the same path: itself where it is that
     integer :: copy = 0                 !! number of another file read from the same path, 0: none
     integer :: first_group = 1, last_group = 0   !! its groups
@@ -92,7 +90,6 @@ module deck_syntax
   type, public :: syntax
     type(source), allocatable :: sources(:)
     integer :: source_count = 0
-    integer, private :: last_with(0:hashes - 1) = 0   !! number of the last file whose path has that hash, 0: none
     type(group), allocatable :: groups(:)
     integer :: group_count = 0
     type(override), allocatable :: overrides(:)   !! those that prevail first
@@ -118,13 +115,13 @@ contains
     character(*), intent(in) :: text   !! whole text
     integer, intent(in) :: parent      !! number of the file that includes it
     character(*), intent(in) :: prefix !! of its names beside that of its parent
-    integer :: slot
     if (.not. allocated(self%sources)) allocate (self%sources(4))
     if (self%source_count == size(self%sources)) self%sources = [self%sources, self%sources]
     self%source_count = self%source_count + 1
     associate (new => self%sources(self%source_count))
       new = source(path=path, text=text, parent=parent, prefix=prefix, original=self%source_of(path))
       new%key = beside('', path)
+      new%hash = word_hash(new%key)
       if (parent > 0) then
         new%depth = self%sources(parent)%depth + 1
         new%prefix = self%sources(parent)%prefix//prefix
@@ -135,9 +132,6 @@ contains
         self%sources(new%original)%copy = self%source_count
       else
         new%original = self%source_count
-        slot = mod(word_hash(new%key), hashes)
-        new%next = self%last_with(slot)
-        self%last_with(slot) = self%source_count
       end if
     end associate
   end subroutine add_source
@@ -147,12 +141,14 @@ contains
     class(syntax), intent(in) :: self
     character(*), intent(in) :: path
     character(:), allocatable :: key
+    integer :: hash
     key = beside('', path)
-    number = self%last_with(mod(word_hash(key), hashes))
-    do while (number > 0)
+    hash = word_hash(key)
+    do number = 1, self%source_count
+      if (self%sources(number)%hash /= hash) cycle
       if (self%sources(number)%key == key) return
-      number = self%sources(number)%next
     end do
+    number = 0
   end function source_of
 
   !> Appends a group; assignments that are appended after it belong to it.

@@ -8,7 +8,7 @@ module expression
   use deck_numbers, only: read_real
   implicit none (type, external)
   private
-  public :: evaluate, find_names, is_name, is_reserved, nearest_constant, with_unit
+  public :: evaluate, find_names, is_name, is_reserved, with_unit
 
   integer, parameter, public :: name_letters = 33       !! more than a name may have, so that a longer one is not taken for it
   integer, parameter, public :: most_names = 100        !! in one expression
@@ -18,7 +18,8 @@ module expression
 
   character(5), parameter :: functions(13) = [character(5) :: 'sin', 'cos', 'tan', 'asin', 'acos', 'atan', 'atan2', 'sqrt', &
     'exp', 'log', 'abs', 'min', 'max']
-  character(3), parameter :: constants(10) = [character(3) :: 'pi', 'deg', 'rpm', 'mm', 'um', 'ms', 'us', 'kn', 'mpa', 'gpa']
+  character(3), parameter, public :: constants(10) = [character(3) :: 'pi', 'deg', 'rpm', 'mm', 'um', 'ms', 'us', 'kn', 'mpa', &
+    'gpa']
   real(wp), parameter :: constant_values(10) = [pi, pi/180.0_wp, pi/30.0_wp, 1.0e-3_wp, 1.0e-6_wp, 1.0e-3_wp, 1.0e-6_wp, &
     1.0e3_wp, 1.0e6_wp, 1.0e9_wp]                       !! SI [-]
 
@@ -118,16 +119,6 @@ contains
       if (len(problem) == 0 .and. lower(word(n + 1:)) == constants(k)) text = '{'//word(:n)//'*'//word(n + 1:)//'}'
     end do
   end function with_unit
-
-  !> The constant that a misspelt word means, empty if none is near.
-  pure function nearest_constant(word) result(best)
-    character(*), intent(in) :: word
-    character(:), allocatable :: best
-    integer :: k
-    best = ''
-    k = nearest_word(word, constants)
-    if (k > 0) best = trim(constants(k))
-  end function nearest_constant
 
   !> Value of an expression. `problem` is empty if it has one, else it says what is wrong and what was expected.
   subroutine evaluate(text, names, values, x, problem)

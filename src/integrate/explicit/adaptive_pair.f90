@@ -12,11 +12,10 @@ module adaptive_pair
   use kinds, only: wp, ip
   use archive, only: value_archive
   use event_location, only: begin_roots, find_event, keep_roots, restart_roots, next_fall, pass_event
+  use fixed_step, only: fixed_stepper
   use ode_system, only: ode, is_bounded
-  use runge_kutta, only: explicit_stepper
-  use step_control, only: step_controller
-  use tableaux, only: tableau
-  use time_stepper, only: stepper, step_end, exchange_common, trouble_size, trouble_manifold, loss_of_accuracy
+  use step_control, only: step_controller, value_rounding
+  use time_stepper, only: step_end, trouble_size, trouble_manifold, loss_of_accuracy
   implicit none (type, external)
   private
 
@@ -26,15 +25,12 @@ module adaptive_pair
   real(wp), parameter :: least_error = 1.0e-30_wp  !! of the scales: a smaller error has no direction to follow [-]
   real(wp), parameter :: quotient_step = 1.0e-7_wp   !! error whose difference quotient is taken, of the scales [-]
   real(wp), parameter :: least_step = 1.0e-13_wp   !! of the run's length: with shorter steps a run would not end [-]
-  real(wp), parameter :: last_digits = 16*epsilon(1.0_wp)   !! relative change of a state that is rounding [-]
   integer(ip), parameter :: noise_interval = 100     !! steps after which the rounding of derivatives is measured again
 
-  !> The method.
-  type, extends(stepper), public :: adaptive_stepper
-    type(tableau) :: method                   !! with weights of the error and the extension
+  !> The method, whose tableau has weights of the error and the extension.
+  type, extends(fixed_stepper), public :: adaptive_stepper
     real(wp) :: h = 0.0_wp                    !! next step [s], 0: to be chosen
     type(step_controller) :: control
-    type(explicit_stepper) :: stages          !! its k(:, 1) is the derivative at y
     real(wp), allocatable :: last(:)            !! (n) derivative at the end of the step, its last stage [unit/s]
     real(wp), allocatable :: error(:)         !! (n) estimated error of the step [unit]
     real(wp), allocatable :: moved(:)         !! (n) the end of the step moved along the error [unit]
@@ -93,7 +89,7 @@ contains
     class(adaptive_stepper), intent(inout) :: self
     integer :: k
     do k = 1, size(self%y)
-      self%moved(k) = self%y(k)*(1 + merge(last_digits, -last_digits, mod(k, 2) == 0))
+      self%moved(k) = self%y(k)*(1 + merge(value_rounding, -value_rounding, mod(k, 2) == 0))
     end do
   end subroutine change_last_digits
 
@@ -186,8 +182,7 @@ contains
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     logical, intent(out) :: ok
-    call system%resolve_events(self%t, self%y, self%roots%fallen, ok)
-    call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
+    call self%fixed_stepper%restart(system, ok)
     self%h = 0.0_wp
     call self%control%restart()
   end subroutine restart
@@ -198,12 +193,7 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     logical, intent(out) :: ok
-    self%trial = self%y
-    call self%stages%step(system, self%t, h, self%trial, ok)
-    self%cause = trouble_size
-    if (.not. ok) return
-    call system%project(self%tried, self%trial, ok)
-    if (.not. ok .and. is_bounded(self%trial)) self%cause = trouble_manifold
+    call self%fixed_stepper%try_step(system, h, ok)
     if (.not. ok) return
     call system%derivative(self%tried, self%trial, .true., self%last)
     self%cause = trouble_size
@@ -311,11 +301,9 @@ contains
   subroutine exchange(self, a)
     class(adaptive_stepper), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    call exchange_common(self, a)
-    call a%exchange(self%h)
-    call self%control%exchange(a)
-    call a%exchange(self%dense_start, self%dense_step)
-    call a%exchange(self%norm%largest, self%norm%steepest, self%norm%noise, self%stages%k(:, 1))
+    call self%fixed_stepper%exchange(a)
+    call a%exchange(self%h, self%control%last_error, self%control%after_rejection, self%dense_start, self%dense_step)
+    call a%exchange(self%norm%largest, self%norm%steepest, self%norm%noise)
     call a%exchange(self%dense)
   end subroutine exchange
 end module adaptive_pair

@@ -13,13 +13,13 @@ contains
     integer, intent(in) :: method          !! number in method_names
     complex(wp), intent(in) :: u           !! |u| = 1 [-]
     real(wp) :: c(12)                      !! [-]
-    real(wp) :: turned(0:6)                ! real parts of its powers [-]
+    real(wp) :: powers(0:6)                ! real parts of its powers [-]
     integer :: j, k
-    turned = real(u**[(k, k=0, 6)], wp)
+    powers = real(u**[(k, k=0, 6)], wp)
     c = 0.0_wp
     do k = 0, 6
       do j = max(0, 1 - k), 6
-        c(k + j) = c(k + j) + growth(k, method)*growth(j, method)*turned(abs(k - j))
+        c(k + j) = c(k + j) + growth(k, method)*growth(j, method)*powers(abs(k - j))
       end do
     end do
   end function growth_on_ray

@@ -3,22 +3,18 @@
 module alpha_newton
   use kinds, only: wp
   use alpha_state, only: alpha_solver
-  use second_order_system, only: second_order_ode
+  use second_order_system, only: full_block_contraction, full_block_steps, near_length, second_order_ode
   implicit none (type, external)
   private
   public :: solve_trial, take_trial, prepare_step, find_offsets, find_offset
 
   integer, parameter :: most_iterations = 12       !! Newton iterations of a step
-  real(wp), parameter :: slow = 0.1_wp             !! contraction above which the exact matrix pays [-]
-  integer, parameter :: exact_steps = 50           !! steps before the constant one is tried again
   real(wp), parameter :: relative_goal = 1.0e-5_wp !! Newton's error, of the first correction [-]
   real(wp), parameter :: largest_goal = 1.0e-9_wp  !! the same, of the groups' sizes [-]
   real(wp), parameter :: least_goal = 1.0e-16_wp   !! smaller corrections are rounding, of the groups' sizes [-]
   real(wp), parameter :: noise = 1.0e-13_wp        !! smaller corrections that do not shrink are rounding, of the scene's size [-]
   real(wp), parameter :: error_share = 1.0e-3_wp   !! Newton's error, of the step's own error of positions [-]
   real(wp), parameter :: last_digits = 4*epsilon(1.0_wp)   !! smaller corrections do not change positions, of the scene's size [-]
-  real(wp), parameter :: weak_pivot = 1.0e-5_wp    !! of rows: below it each contraction is measured, offsets are found anew [-]
-  real(wp), parameter, public :: near_length = 0.02_wp   !! matrices of lengths so near serve again while an event is located [-]
   integer, parameter :: most_age = 10              !! steps for which a measured contraction is used
 
 contains
@@ -39,7 +35,7 @@ contains
     exact = self%newton%exact_left > 0
     call newton(self, system, t1, share, exact, .false., ok, slowly)
     if ((slowly .or. .not. ok) .and. .not. exact) then
-      self%newton%exact_left = exact_steps
+      self%newton%exact_left = full_block_steps
       if (.not. ok) then
         exact = .true.
         call newton(self, system, t1, 0.0_wp, exact, .false., ok, slowly)
@@ -230,7 +226,7 @@ contains
           ok = one_is_enough(self, norm, scene_norm, exact, system)
         else
           rate = norm/before
-          slowly = slowly .or. (rate > slow .and. scene_norm > rounding)
+          slowly = slowly .or. (rate > full_block_contraction .and. scene_norm > rounding)
           if (k == 2) then                      ! the contraction from the first to the second correction
             self%newton%contraction = max(rate, scene_norm/before_scene)
             self%newton%first = before
@@ -278,7 +274,7 @@ contains
     associate (n => self%newton, s => self%measure)
       n%steps = n%steps + 1
       if (n%steps > most_age .or. n%exact .neqv. exact) return
-      if (system%least_pivot < weak_pivot .or. .not. (n%h > 0.0_wp .and. n%first > 0.0_wp)) return
+      if (system%weak_rows .or. .not. (n%h > 0.0_wp .and. n%first > 0.0_wp)) return
       rate = n%contraction*max(1.0_wp, norm/n%first)
       yes = rate*scene_norm <= last_digits*system%rounding_scale
       if (yes .or. rate > 0.1_wp*error_share) return
@@ -349,7 +345,7 @@ contains
     end associate
     if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
     call self%measure%widen(self%x)
-    if (system%least_pivot < weak_pivot) call find_offset(self, system, t1)
+    if (system%weak_rows) call find_offset(self, system, t1)
   end subroutine take_trial
 
   !> The energy that the method itself takes out in a step [J]. With M the mass matrix and bars for means of both ends,

@@ -10,8 +10,6 @@ module alpha_state
   private
   public :: set_up_alpha, pack, exchange_alpha
 
-  real(wp), parameter, public :: same_length = 1.0e-9_wp   !! lengths of steps that differ by less are the same [-]
-
   !> Newton's method in the last steps, and its counts.
   type, public :: newton_memory
     real(wp) :: contraction = 1.0_wp         !! of corrections when it was measured last; 1: unknown [-]
@@ -106,8 +104,7 @@ contains
     call a%exchange(self%newton%steps, self%newton%exact_left)
     call a%exchange(self%x, self%v, self%vd, self%lag)
     call a%exchange(self%offset, self%lambda, self%energy%sums, self%energy%powers)
-    call a%exchange(self%newton%change)
-    call self%measure%exchange(a)
+    call a%exchange(self%newton%change, self%measure%scale, self%measure%by_group)
     call a%exchange(self%newton%iterations, self%newton%factors(1), self%newton%factors(2))
     if (.not. a%saving) self%needs_factors = .true.
   end subroutine exchange_alpha

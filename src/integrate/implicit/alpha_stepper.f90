@@ -2,16 +2,16 @@
 module alpha_stepper
   use kinds, only: wp
   use archive, only: value_archive
-  use alpha_newton, only: near_length, solve_trial, take_trial
+  use alpha_newton, only: solve_trial, take_trial
   use alpha_start, only: start_method, change_step
-  use alpha_state, only: alpha_solver, set_up_alpha, same_length, pack, exchange_alpha
+  use alpha_state, only: alpha_solver, set_up_alpha, pack, exchange_alpha
   use generalized_alpha, only: chung_hulbert
   use implicit_march, only: implicit_stepper, exchange_march, start_again
-  use second_order_system, only: second_order_ode
+  use second_order_system, only: near_length, second_order_ode
+  use step_control, only: same_length
   use summary_text, only: summary_record
   implicit none (type, external)
   private
-
 
   !> The method.
   type, extends(implicit_stepper), public :: alpha_march

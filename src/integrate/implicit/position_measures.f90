@@ -2,7 +2,6 @@
 !> that it has had, or by the scene's size.
 module position_measures
   use kinds, only: wp
-  use archive, only: value_archive
   implicit none (type, external)
   private
 
@@ -16,7 +15,6 @@ module position_measures
     real(wp), allocatable :: by_scene(:)        !! (nq) weight over the scene's size or one radian [1/m, 1/rad]
   contains
     procedure :: widen
-    procedure :: exchange
   end type position_measure
 
 contains
@@ -41,11 +39,4 @@ contains
       self%by_group(i) = self%weight(i)/self%scale(self%group(i))
     end do
   end subroutine widen
-
-  !> Saves or restores the running maxima.
-  subroutine exchange(self, a)
-    class(position_measure), intent(inout) :: self
-    type(value_archive), intent(inout) :: a
-    call a%exchange(self%scale, self%by_group)
-  end subroutine exchange
 end module position_measures

@@ -8,7 +8,7 @@ module radau_stages
   use kinds, only: wp, ip
   use archive, only: value_archive
   use radau_method, only: radau_tableau, lagrange_weights
-  use second_order_system, only: second_order_ode
+  use second_order_system, only: full_block_contraction, full_block_steps, near_length, second_order_ode
   use step_control, only: error_norm, value_rounding
   implicit none (type, external)
   private
@@ -16,12 +16,9 @@ module radau_stages
 
   integer, parameter :: most_iterations = 10       !! Newton iterations of a step
   real(wp), parameter :: slow = 0.3_wp             !! contraction above which matrices are renewed [-]
-  real(wp), parameter :: full_block_contraction = 0.1_wp   !! contraction above which full elastic blocks pay [-]
-  integer, parameter :: full_block_steps = 50       !! steps with full blocks before constant ones are tried again
   real(wp), parameter :: noise = 1.0e-11_wp        !! corrections below that do not shrink are rounding, of the scales [-]
   real(wp), parameter :: fixed_goal = 1.0e-9_wp      !! fixed steps: last correction of Newton's method, of the scales [-]
   real(wp), parameter :: fixed_reduction = 1.0e-7_wp   !! fixed steps: the same, of the first correction [-]
-  real(wp), parameter :: near_length = 0.02_wp     !! matrices of lengths so near serve again while an event is located [-]
   real(wp), parameter :: longest_extrapolation = 1.0e3_wp   !! of the last step's polynomial, in lengths of that step [-]
 
   !> Internal variables.
@@ -403,8 +400,9 @@ contains
     type(error_norm), intent(inout) :: norm
     real(wp), intent(in) :: goal             !! [-]
     integer :: i
-    call find_rounding(self, system)
     associate (w => self%work, nq => self%nq)
+      w%rounding(1:nq) = value_rounding*system%enlargement*abs(self%q(:, 3))    ! near a singular position rows enlarge it
+      w%rounding(nq + 1:2*nq) = w%rounding(1:nq)/self%h
       do i = 1, nq
         w%e(i) = max(abs(w%dq(i, 1)), abs(w%dq(i, 2)), abs(w%dq(i, 3)))
         w%e(nq + i) = max(abs(w%dv(i, 1)), abs(w%dv(i, 2)), abs(w%dv(i, 3)))
@@ -415,16 +413,6 @@ contains
       if (.not. all(abs(w%dq) < huge(1.0_wp))) d = huge(1.0_wp)
     end associate
   end function size_of_correction
-
-  !> Rounding of positions near a singular position, where rows enlarge it, and of the rates that a step makes of them.
-  subroutine find_rounding(self, system)
-    type(radau_stage_values), intent(inout) :: self
-    class(second_order_ode), intent(in) :: system
-    associate (w => self%work, nq => self%nq)
-      w%rounding(1:nq) = value_rounding*system%enlargement*abs(self%q(:, 3))
-      w%rounding(nq + 1:2*nq) = w%rounding(1:nq)/self%h
-    end associate
-  end subroutine find_rounding
 
   !> Saves or restores what the next step needs.
   subroutine exchange_stages(self, a)

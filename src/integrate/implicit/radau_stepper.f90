@@ -131,7 +131,6 @@ contains
     self%h = merge(max(self%h, next), next, at_stop)
   end subroutine controlled_step
 
-
   !> Why the last step, of size h, errs too much, from the error of a larger one.
   subroutine try_larger(self, system, h, error, trouble)
     class(radau_march), intent(inout) :: self
@@ -146,7 +145,6 @@ contains
     if (ok) call self%measure_step(system, larger)
     trouble = loss_of_accuracy(self%settings%tolerance, error, larger)
   end subroutine try_larger
-
 
   !> Step that estimated errors ask for after one of size h. A new step means new matrices, and errors of a vibration come and go
   !> with its phase: a step grows where the worst error of several steps allows it, or at once where it may grow by much.

@@ -14,7 +14,11 @@ module second_order_system
   implicit none (type, external)
   private
 
-  !> The system. What `start_implicit` sets stays as it is; the last four belong to the last matrices.
+  real(wp), parameter, public :: near_length = 0.02_wp   !! matrices of lengths so near serve again while an event is located [-]
+  real(wp), parameter, public :: full_block_contraction = 0.1_wp   !! above which elastic blocks that are exact pay [-]
+  integer, parameter, public :: full_block_steps = 50   !! with exact blocks before constant ones are tried again
+
+  !> The system. What `start_implicit` sets stays as it is; the last five belong to the last matrices.
   type, abstract, extends(ode), public :: second_order_ode
     integer :: nq = 0                         !! positions
     integer :: nz = 0                         !! internal variables
@@ -27,6 +31,7 @@ module second_order_system
     real(wp), allocatable :: inertia(:)       !! (nz) 0: of first order [s2]
     type(position_measure) :: measure         !! how positions are measured, before the first step
     real(wp) :: least_pivot = 1.0_wp          !! of the constraint rows: 1 where none depends on others [-]
+    logical :: weak_rows = .false.            !! that pivot is so small that rows count as nearly dependent
     real(wp) :: shift = 0.0_wp                !! added to their diagonal to regularise dependent rows [-]
     real(wp) :: enlargement = 1.0_wp          !! of rounding by nearly dependent rows; 0: below what matters [-]
     real(wp) :: rounding_scale = 1.0_wp       !! of positions: distance from the origin in scene sizes, or largest angle [-]

@@ -58,7 +58,6 @@ module controller
     procedure :: response
     procedure :: delayed
     procedure :: breakpoints
-    procedure :: next_sample
     procedure :: size_of
   end type controller_model
 
@@ -197,7 +196,7 @@ contains
     if (self%sample > 0.0_wp) limited = merge(1, merge(-1, 0, output <= self%lower), output >= self%upper)
   end function limited
 
-  !> Its roots: the distance to both limits, the way back from one, or the time to the next sample.
+  !> Its roots: the distance to both limits, the return from one, or the time to the next sample.
   pure subroutine roots(self, t, state, w, left_limit, watched)
     class(controller_model), intent(in) :: self
     real(wp), intent(in) :: t                 !! [s]
@@ -208,9 +207,9 @@ contains
     real(wp) :: slope, limit, h(-1:2)
     integer :: n, k, side
     if (self%sample > 0.0_wp) then
-      watched%g(1) = self%next_sample(state) - t
+      watched%g(1) = state*self%sample - t
       watched%rate(1) = -1.0_wp
-      watched%zero(1) = rounding_of(self%next_sample(state))
+      watched%zero(1) = rounding_of(state*self%sample)
       return
     end if
     n = self%states
@@ -237,7 +236,7 @@ contains
     integer, intent(in) :: k
     real(wp), intent(inout) :: x(:)           !! (states) [any]
     real(wp) :: w(self%states + control_parts), demand, error
-    w = self%inputs(p, self%next_sample(k), .false., x)
+    w = self%inputs(p, k*self%sample, .false., x)
     demand = dot_product(self%demand, w)
     error = dot_product(self%error, w)
     associate (h => self%sample, limited => min(max(demand, self%lower), self%upper))
@@ -249,13 +248,6 @@ contains
       x(self%sampled) = limited
     end associate
   end subroutine take_sample
-
-  !> Time of a sample.
-  pure real(wp) function next_sample(self, k) result(t)   ! [s]
-    class(controller_model), intent(in) :: self
-    integer, intent(in) :: k
-    t = k*self%sample
-  end function next_sample
 
   !> Derivatives of the output by what it senses and by the rate of that, its states fixed.
   pure function slopes(self, limited) result(d)

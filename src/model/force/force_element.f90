@@ -15,7 +15,7 @@ module force_element
 
   integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
   integer, parameter, public :: stage_linear = 3   !! about a state that no static analysis has found: loads of all stages alone
-  integer, parameter, public :: idle = 0   !! discrete state in which an element does nothing: a stop that is open
+  integer, parameter, public :: inactive = 0   !! discrete state in which an element does nothing: a stop that is open
   integer, parameter, public :: on_a_piece = 1   !! the one discrete state of what goes by pieces
   integer, parameter, public :: bilateral = huge(1)   !! state in which it is linearised as though it acted both ways
 
@@ -78,7 +78,7 @@ module force_element
     procedure :: relax => keep_coordinates        !! internal variables of an element at rest
     procedure :: in_all_directions                !! it pulls its markers together in every direction
     procedure :: along_line => never              !! it acts along the line between its markers, which turns
-    procedure :: init_from_assembly => no_settling !! takes free lengths and angles from the assembled markers
+    procedure :: init_from_assembly => nothing_from_assembly !! takes free lengths and angles from the assembled markers
     procedure :: fault => no_fault                !! what is wrong with it as assembled; empty: nothing
     procedure :: warning => no_warning            !! what is worth telling of it as assembled; empty: nothing
     procedure :: breakpoints => no_breakpoints    !! times at which its force is not smooth
@@ -250,11 +250,11 @@ contains
   end function never
 
   !> Most elements take nothing from the assembled positions.
-  subroutine no_settling(self, p, gap)
+  subroutine nothing_from_assembly(self, p, gap)
     class(force_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap             !! distance up to which markers coincide [m]
-  end subroutine no_settling
+  end subroutine nothing_from_assembly
 
   !> Most elements can act wherever their markers are.
   pure function no_fault(self, p, gap) result(text)

@@ -20,7 +20,7 @@ module loads
     procedure :: unit_tangent => no_unit_tangent  !! of minus the wrench by displacement and turn of the marker, global axes
     procedure :: breakpoints => load_breakpoints
     procedure :: slope => load_slope
-    procedure :: init_from_assembly => load_settle
+    procedure :: init_from_assembly => load_from_assembly
     procedure :: present_factor
   end type load_model
 
@@ -95,7 +95,7 @@ contains
   end function load_slope
 
   !> The free lengths of springs whose deformations it follows.
-  subroutine load_settle(self, p, gap)
+  subroutine load_from_assembly(self, p, gap)
     class(load_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
@@ -103,7 +103,7 @@ contains
     do k = 1, self%motions
       call self%arguments(k)%item%init_from_assembly(p, gap)
     end do
-  end subroutine load_settle
+  end subroutine load_from_assembly
 
   !> The wrench and the power that it puts in.
   pure subroutine load_act(self, p, with, z, zd, zdd, x)

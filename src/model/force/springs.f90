@@ -20,7 +20,7 @@ module springs
     procedure :: tangent => spring_tangent
     procedure :: energy => spring_energy
     procedure :: relax => spring_relax
-    procedure :: init_from_assembly => spring_settle
+    procedure :: init_from_assembly => spring_from_assembly
     procedure :: along_line => is_linear
     procedure :: fault => no_direction
     procedure :: unprestressed
@@ -111,7 +111,7 @@ contains
   end subroutine spring_relax
 
   !> Takes a free length or angle that the deck leaves open from the assembled positions.
-  subroutine spring_settle(self, p, gap)
+  subroutine spring_from_assembly(self, p, gap)
     class(spring_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
@@ -119,7 +119,7 @@ contains
     call self%measure%init_from_assembly(p, gap)
     now = self%deformation(p)
     self%assembled = now%x
-  end subroutine spring_settle
+  end subroutine spring_from_assembly
 
   !> Static stiffness at a deformation; of a characteristic the largest where no load acts and the question is what holds at all.
   pure real(wp) function present_stiffness(self, with, d) result(k)   ! [N/m] or [N m/rad]

@@ -26,7 +26,7 @@ module stops
   public :: rebound_factor
 
   integer, parameter, public :: stop_open = 0, stop_touching = 1, stop_let_go = 2   !! negative ones: of the lower limit
-  integer, parameter, public :: stop_idle = 2, stop_rebound = 3   !! of rigid stops; the last one only says what an event was
+  integer, parameter, public :: stop_unloaded = 2, stop_rebound = 3   !! of rigid stops; the last one only says what an event was
 
   real(wp), parameter, public :: slowest_touch = 1.0e-3_wp   !! least v0 that a restitution is taken from, in sizes or rad [1/s]
   real(wp), parameter, public :: example_depth = 0.01_wp     !! penetration at which an open stop is described [size or rad]
@@ -48,7 +48,7 @@ module stops
   contains
     procedure :: contact
     procedure :: slopes
-    procedure :: factor
+    procedure :: damping_factor
     procedure :: slowest
     procedure :: example
     procedure :: stiffness_at
@@ -58,11 +58,11 @@ module stops
     procedure :: tangent => stop_tangent
     procedure :: rate_components => stop_rate_components
     procedure :: energy => stop_energy
-    procedure :: init_from_assembly => stop_settle
+    procedure :: init_from_assembly => stop_from_assembly
     procedure :: fault => begins_impossibly
     procedure :: warning => starts_beyond
     procedure :: measured_text
-    procedure :: pressing
+    procedure :: row_force
     procedure :: roots => stop_roots
     procedure :: switch => stop_switch
     procedure :: state_word => stop_word
@@ -126,7 +126,7 @@ contains
     type(conditions), intent(in) :: with
     type(stop_contact), intent(out) :: c
     type(measured) :: now
-    real(wp) :: pressing
+    real(wp) :: ratio
     integer :: side
     call self%measure%measure(p, now)
     side = merge(1, -1, now%x - self%upper >= self%lower - now%x)
@@ -136,26 +136,26 @@ contains
     c%depth = c%depth - (1 - with%prestress)*max(side*self%assembled, 0.0_wp)
     c%rate = side*now%rate
     c%g = side*now%g
-    pressing = self%factor(c%rate, with)
+    ratio = self%damping_factor(c%rate, with)
     c%state = with%state
     if (with%state == by_position) then
-      c%state = side*merge(stop_touching, stop_let_go, pressing >= 0.0_wp)
+      c%state = side*merge(stop_touching, stop_let_go, ratio >= 0.0_wp)
       if (c%depth <= 0.0_wp) c%state = stop_open
     end if
     if (c%state == bilateral) c%state = stop_open
     if (c%state == stop_open) return
     c%side = side
     c%elastic = self%hardness*max(c%depth, 0.0_wp)**self%exponent
-    if (abs(c%state) == stop_touching) c%force = c%elastic*pressing
+    if (abs(c%state) == stop_touching) c%force = c%elastic*ratio
   end subroutine contact
 
   !> 1 + chi d', with the speed at the present touching.
-  pure real(wp) function factor(self, rate, with)      ! [-]
+  pure real(wp) function damping_factor(self, rate, with)      ! [-]
     class(stop_model), intent(in) :: self
     real(wp), intent(in) :: rate           !! of the penetration [m/s] or [rad/s]
     type(conditions), intent(in) :: with
-    factor = 1 + present_damping(self, with)*rate
-  end function factor
+    damping_factor = 1 + present_damping(self, with)*rate
+  end function damping_factor
 
   !> chi. A restitution says nothing of motions about a contact that no touching began: none there.
   pure real(wp) function present_damping(self, with) result(chi)   ! [s/m] or [s/rad]
@@ -219,7 +219,7 @@ contains
     real(wp), intent(in) :: rate           !! [m/s] or [rad/s]
     real(wp), intent(out) :: stiffness     !! over the mass [1/s2]
     real(wp), intent(out) :: damping       !! over the mass [1/s]
-    stiffness = self%stiffness_at(depth)*max(self%factor(rate, with), 0.0_wp)/mass
+    stiffness = self%stiffness_at(depth)*max(self%damping_factor(rate, with), 0.0_wp)/mass
     damping = self%hardness*max(depth, 0.0_wp)**self%exponent*present_damping(self, with)/mass
   end subroutine contact_rates
 
@@ -280,7 +280,7 @@ contains
     stiffness = 0.0_wp
     damping = 0.0_wp
     if (abs(c%state) /= stop_touching) return
-    stiffness = self%stiffness_at(c%depth)*self%factor(c%rate, with)
+    stiffness = self%stiffness_at(c%depth)*self%damping_factor(c%rate, with)
     damping = c%elastic*present_damping(self, with)
   end subroutine slopes
 
@@ -295,14 +295,14 @@ contains
   end function stop_energy
 
   !> The penetration of the assembled scene, from which prestress grows.
-  subroutine stop_settle(self, p, gap)
+  subroutine stop_from_assembly(self, p, gap)
     class(stop_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap            !! not used [m]
     type(stop_contact) :: c
     call self%contact(p, conditions(), c)
     self%assembled = c%side*c%depth
-  end subroutine stop_settle
+  end subroutine stop_from_assembly
 
   !> Limits that exclude the assembled position are reported with all values.
   pure function starts_beyond(self, p) result(text)
@@ -355,7 +355,7 @@ contains
       call self%measure%measure(p, now)
       call distances(self, now%x, now%rate, watched)
     else if (self%rigid) then
-      if (abs(with%state) == stop_touching) watched%g(1) = self%pressing(with)
+      if (abs(with%state) == stop_touching) watched%g(1) = self%row_force(with)
       watched%rate(1) = huge(1.0_wp)
       watched%zero(1) = 0.0_wp
       return
@@ -364,7 +364,7 @@ contains
       watched%g(1) = c%depth
       watched%rate(1) = c%rate
       if (present_damping(self, with) > 0.0_wp) then
-        watched%g(2) = self%factor(c%rate, with)*merge(1, -1, abs(with%state) == stop_touching)
+        watched%g(2) = self%damping_factor(c%rate, with)*merge(1, -1, abs(with%state) == stop_touching)
         watched%rate(2) = huge(1.0_wp)
       end if
     end if
@@ -452,19 +452,19 @@ contains
     else
       event_value = max(c%rate, self%slowest())
       unknown%event_value = event_value
-      if (self%factor(c%rate, unknown) < 0.0_wp) state = sign(stop_let_go, state)
+      if (self%damping_factor(c%rate, unknown) < 0.0_wp) state = sign(stop_let_go, state)
     end if
   end subroutine start_contact
 
   !> With what a rigid stop pushes, by the multiplier of its row.
-  pure real(wp) function pressing(self, with) result(force)   ! [N] or [N m]
+  pure real(wp) function row_force(self, with) result(force)   ! [N] or [N m]
     class(stop_model), intent(in) :: self
     type(conditions), intent(in) :: with
     force = 0.0_wp
     if (abs(with%state) /= stop_touching) return
     force = sign(1, with%state)*with%multiplier
     if (self%angular) force = self%size*force
-  end function pressing
+  end function row_force
 
   !> F of a stop that touches.
   pure real(wp) function stop_force(self, with, depth, rate) result(force)   ! [N] or [N m]
@@ -473,7 +473,7 @@ contains
     real(wp), intent(in) :: depth          !! [m] or [rad]
     real(wp), intent(in) :: rate           !! [m/s] or [rad/s]
     force = 0.0_wp
-    if (abs(with%state) == stop_touching) force = self%hardness*max(depth, 0.0_wp)**self%exponent*self%factor(rate, with)
+    if (abs(with%state) == stop_touching) force = self%hardness*max(depth, 0.0_wp)**self%exponent*self%damping_factor(rate, with)
   end function stop_force
 
   !> A force that begins as d^n has only n smooth derivatives by time, unless n is a whole number.

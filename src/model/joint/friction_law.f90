@@ -5,11 +5,11 @@ module friction_law
   use kinds, only: wp
   implicit none (type, external)
   private
-  public :: force_of, pressure_of, slip_forces
+  public :: force_of, pressure_of, slip_forces, sliding
 
   !> States: sticks; slips in the direction of its sign; at rest without sticking, as other rows carry it, with the static
   !> limit in the direction of its sign, or with no force.
-  integer, parameter, public :: row_stuck = 0, row_slips = 1, row_carried = 2, row_idle = 3
+  integer, parameter, public :: row_stuck = 0, row_slips = 1, row_at_limit = 2, row_unloaded = 3
   integer, parameter, public :: on_pin = 1, on_line = 2, on_pads = 3   !! what presses
   integer, parameter, public :: most_pads = 2
 
@@ -29,7 +29,6 @@ module friction_law
   contains
     procedure :: force_slope
     procedure :: sticking_limit
-    procedure :: slides
     procedure :: share
     procedure :: pads
     procedure :: pad_signs
@@ -62,7 +61,7 @@ contains
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
     f = 0.0_wp
     if (abs(state) == row_slips) f = sign(limit_of(law, .false., lambda), real(state, wp))
-    if (abs(state) == row_carried) f = sign(limit_of(law, .true., lambda), real(state, wp))
+    if (abs(state) == row_at_limit) f = sign(limit_of(law, .true., lambda), real(state, wp))
   end function force_of
 
   !> Derivatives of that force by the joint's multipliers; what they are 0 for is 0.
@@ -75,7 +74,7 @@ contains
     d = 0.0_wp
     mu = 0.0_wp
     if (abs(state) == row_slips) mu = sign(self%kinetic, real(state, wp))
-    if (abs(state) == row_carried) mu = sign(self%static, real(state, wp))
+    if (abs(state) == row_at_limit) mu = sign(self%static, real(state, wp))
     y = 0.0_wp                            ! the joint's multipliers that press [N]
     y(:self%rows) = lambda(self%first:self%first + self%rows - 1)
     select case (self%contact)
@@ -141,12 +140,11 @@ contains
     event_value = dot_product([1, 2], merge(1, 0, self%pads(lambda) < 0.0_wp))
   end function normal_signs
 
-  !> The direction in which it slides, 0 at rest.
-  pure integer function slides(self, state)
-    class(coulomb_law), intent(in) :: self
+  !> The direction in which a joint slides in a state, 0 at rest.
+  elemental integer function sliding(state)
     integer, intent(in) :: state
-    slides = merge(sign(1, state), 0, abs(state) == row_slips)
-  end function slides
+    sliding = merge(sign(1, state), 0, abs(state) == row_slips)
+  end function sliding
 
   !> Part of its limit that acts: 1 where it slips.
   pure real(wp) function share(self, state, lambda)   ! [-]

@@ -1,6 +1,6 @@
-!> The tangential row of a joint with dry friction: the relative angle of the sections of a pin, the way along the line of a slider
-!> or prismatic joint. Where the joint sticks, the row holds and its multiplier is the friction; where it slips, the row is off and
-!> its multiplier is what `friction_law` says.
+!> The tangential row of a joint with dry friction: the relative angle of the sections of a pin, the travel along the line of a
+!> slider or prismatic joint. Where the joint sticks, the row holds and its multiplier is the friction; where it slips, the row is
+!> off and its multiplier is what `friction_law` says.
 module friction_row
   use kinds, only: wp
   use constraint, only: constraint_model, row_motion

@@ -2,9 +2,9 @@
 module stop_row
   use kinds, only: wp
   use constraint, only: constraint_model
-  use friction_law, only: row_stuck, row_slips, row_idle
+  use friction_law, only: row_stuck, row_slips, row_unloaded
   use marker, only: marker_states
-  use stops, only: stop_idle, stop_open, stop_touching
+  use stops, only: stop_unloaded, stop_open, stop_touching
   implicit none (type, external)
   private
 
@@ -34,7 +34,7 @@ contains
     class(stop_row_model), intent(in) :: self
     integer, intent(in) :: state
     integer, intent(in) :: side                !! the limit: 1 upper, -1 lower
-    relation = row_idle
+    relation = row_unloaded
     if (abs(state) == stop_touching) relation = row_stuck
     if (state == stop_open) relation = -side*row_slips
   end function relation_of
@@ -44,7 +44,7 @@ contains
     class(stop_row_model), intent(in) :: self
     integer, intent(in) :: state               !! how it holds
     integer, intent(in) :: side                !! the limit: 1 upper, -1 lower
-    other = side*stop_idle
+    other = side*stop_unloaded
     if (state == row_stuck) other = side*stop_touching
     if (abs(state) == row_slips) other = stop_open
   end function state_by

@@ -2,7 +2,7 @@
 module controller_sensor
   use kinds, only: wp
   use controller, only: free
-  use sensor, only: observation, sensor_model, harmonic_motion, marker_moves
+  use sensor, only: observation, sensor_model, harmonic_motion, quantity_amplitude
   implicit none (type, external)
   private
 
@@ -33,13 +33,8 @@ contains
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [any], [m, rad, or per second], [-]
     complex(wp) :: sensed                     ! [m, rad, or per second]
-    complex(wp) :: place(6), rate(6)          ! of both markers [m, rad], [m/s, rad/s]
-    real(wp) :: by_place(6), by_rate(6)       ! [-], [m], [1/s]
-    associate (c => at%m%s%controllers(self%controller), q => at%m%s%controllers(self%controller)%quantity)
-      call q%gradient(at%ev%p, by_place, by_rate)
-      call marker_moves(at, motion, at%m%s%markers(q%ia), at%ev%p, q%ia, place(1:3), rate(1:3))
-      call marker_moves(at, motion, at%m%s%markers(q%ib), at%ev%p, q%ib, place(4:6), rate(4:6))
-      sensed = sum(by_place*place) + sum(by_rate*rate)
+    associate (c => at%m%s%controllers(self%controller))
+      sensed = quantity_amplitude(at, motion, c%quantity, at%m%s%markers, at%ev%p)
       x(1) = c%response(free, motion%s)*sensed
       x(2) = -c%delayed(motion%s)*sensed
       x(3) = 0.0_wp

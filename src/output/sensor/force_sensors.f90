@@ -71,7 +71,7 @@ contains
       with = conditions_of(at%m, at%ev, self%element)
       call f%contact(at%ev%p, with, c)
       x(1) = at%ev%action(self%element)%force
-      if (f%rigid .and. abs(c%state) == stop_touching) x(1) = f%pressing(with)
+      if (f%rigid .and. abs(c%state) == stop_touching) x(1) = f%row_force(with)
       x(2) = -c%depth
       x(3) = c%state
     end select

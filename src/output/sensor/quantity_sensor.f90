@@ -3,7 +3,7 @@
 module quantity_sensor
   use kinds, only: wp
   use measure, only: measure_box
-  use sensor, only: observation, sensor_model, harmonic_motion, marker_moves
+  use sensor, only: observation, sensor_model, harmonic_motion, quantity_amplitude
   implicit none (type, external)
   private
 
@@ -34,16 +34,9 @@ contains
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [m, rad] or [m/s, rad/s]
-    complex(wp) :: place(6), rate(6)          ! of both markers [m, rad], [m/s, rad/s]
-    real(wp) :: by_place(6), by_rate(6)
     integer :: k
     do k = 1, size(self%columns)
-      associate (c => self%columns(k)%item)
-        call marker_moves(at, motion, at%markers(c%ia), at%p, c%ia, place(1:3), rate(1:3))
-        call marker_moves(at, motion, at%markers(c%ib), at%p, c%ib, place(4:6), rate(4:6))
-        call c%gradient(at%p, by_place, by_rate)
-        x(k) = sum(by_place*place) + sum(by_rate*rate)
-      end associate
+      x(k) = quantity_amplitude(at, motion, self%columns(k)%item, at%markers, at%p)
     end do
   end subroutine respond
 end module quantity_sensor

@@ -2,6 +2,7 @@
 module row_sensors
   use kinds, only: wp
   use constraint, only: marker_stiffness
+  use friction_law, only: sliding
   use sensor, only: observation, sensor_model, harmonic_motion, pair_motion
   implicit none (type, external)
   private
@@ -73,7 +74,7 @@ contains
         x(1) = -unit*at%ev%lambda(i)
         x(2) = (dot_product(r%na(:, i), p%v(:, row%ia)) + dot_product(r%nb(:, i), p%v(:, row%ib)) &
                 + r%sa(i)*p%rate(row%ia) + r%sb(i)*p%rate(row%ib))/unit
-        x(3) = law%slides(state)
+        x(3) = sliding(state)
         x(4) = law%share(state, at%ev%lambda)
       end associate
     end associate

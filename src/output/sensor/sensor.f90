@@ -5,9 +5,10 @@ module sensor
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
+  use measure, only: measure_model
   implicit none (type, external)
   private
-  public :: elastic_motion, marker_motion, marker_moves, pair_motion, vector_to_global
+  public :: elastic_motion, marker_motion, pair_motion, quantity_amplitude, vector_to_global
 
   !> A harmonic motion x exp(s t), with multipliers lambda exp(s t), about the present state.
   type, public :: harmonic_motion
@@ -139,6 +140,21 @@ contains
       rate(1:2) = rate(1:2) + v(3)*[-place(2), place(1)] + motion%x(i + 3)*[-u(2), u(1)]
     end associate
   end subroutine marker_moves
+
+  !> Amplitude of a quantity of motion, by its gradients along the motions of its two markers.
+  complex(wp) function quantity_amplitude(at, motion, quantity, markers, p) result(x)   ! [m, rad] or [m/s, rad/s]
+    type(observation), intent(in) :: at
+    type(harmonic_motion), intent(in) :: motion
+    class(measure_model), intent(in) :: quantity
+    type(marker_model), intent(in) :: markers(:)   !! its own and others
+    type(marker_states), intent(in) :: p           !! their states
+    complex(wp) :: place(6), rate(6)          ! of both markers [m, rad], [m/s, rad/s]
+    real(wp) :: by_place(6), by_rate(6)       ! [-], [m], [1/s]
+    call marker_moves(at, motion, markers(quantity%ia), p, quantity%ia, place(1:3), rate(1:3))
+    call marker_moves(at, motion, markers(quantity%ib), p, quantity%ib, place(4:6), rate(4:6))
+    call quantity%gradient(p, by_place, by_rate)
+    x = sum(by_place*place) + sum(by_rate*rate)
+  end function quantity_amplitude
 
   !> A vector of a body's axes in global ones.
   pure function vector_to_global(ev, b, w) result(y)

@@ -206,17 +206,17 @@ contains
     logical, intent(out), optional :: exists   !! false: the matrix is singular, there is no solution
     real(wp), parameter :: half = sqrt(epsilon(1.0_wp))   ! of the digits [-]
     complex(wp), allocatable :: b(:), r(:)
-    logical :: turned
+    logical :: by_transpose
     real(wp) :: change, last                   ! sizes of corrections [m, rad; N]
     integer :: pass
-    turned = .false.
-    if (present(transposed)) turned = transposed
+    by_transpose = .false.
+    if (present(transposed)) by_transpose = transposed
     b = x
     last = huge(1.0_wp)
-    call self%solver%solve(x, turned)
+    call self%solver%solve(x, by_transpose)
     do pass = 1, 12
-      r = b - self%balance(x, turned)
-      call self%solver%solve(r, turned)
+      r = b - self%balance(x, by_transpose)
+      call self%solver%solve(r, by_transpose)
       x = x + r
       change = maxval(abs(r%re) + abs(r%im))
       if (pass >= 2 .and. .not. change < 0.5_wp*last) exit
@@ -225,7 +225,7 @@ contains
     end do
     if (.not. present(exists)) return
     exists = is_part(0.1_wp, r(1:self%n), x(1:self%n))
-    if (.not. exists) exists = is_part(0.1_wp, b - self%balance(x, turned), b)
+    if (.not. exists) exists = is_part(0.1_wp, b - self%balance(x, by_transpose), b)
   contains
     !> Whether the largest of some numbers is at most a part of the largest of others.
     pure logical function is_part(part, some, others)

@@ -39,12 +39,12 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(inout), contiguous :: x(:)   !! (nq) [any]
-    real(wp) :: turned(2)                    ! without it the compiler allocates a copy [any]
+    real(wp) :: vector(2)                    ! without it the compiler allocates a copy [any]
     integer :: b, i
     do b = 1, size(m%s%bodies)
       i = m%s%qo(b)
-      turned = ev%frame%to_body(b, x(i + 1:i + 2))
-      x(i + 1:i + 2) = turned
+      vector = ev%frame%to_body(b, x(i + 1:i + 2))
+      x(i + 1:i + 2) = vector
     end do
   end subroutine turn_to_body
 end module frame_axes

@@ -88,8 +88,8 @@ contains
     call add_marker_terms(self%s%rows, size(ev%p%rate), self%incidence%row_marker, ev%rows%na, ev%rows%nb, ev%p%v, &
                           ev%rows%phi_t, rate)
     call add_angle_terms(self%s%rows, size(ev%p%rate), self%incidence%row_marker, ev%rows%sa, ev%rows%sb, ev%p%rate, rate)
-    do k = 1, size(self%incidence%carried)
-      associate (i => self%incidence%carried(k))
+    do k = 1, size(self%incidence%with_carrier)
+      associate (i => self%incidence%with_carrier(k))
         rate(i) = rate(i) + ev%rows%sc(i)*ev%p%rate(self%incidence%carrier(k))
       end associate
     end do
@@ -114,8 +114,8 @@ contains
                       + (r%nb(1, i)*b(1) + r%nb(2, i)*b(2) + r%sb(i)*b(3))
         end associate
       end do
-      do k = 1, size(self%incidence%carried)
-        i = self%incidence%carried(k)
+      do k = 1, size(self%incidence%with_carrier)
+        i = self%incidence%with_carrier(k)
         change(i) = change(i) + r%sc(i)*d(3, self%incidence%carrier(k))
       end do
     end associate

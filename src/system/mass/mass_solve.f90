@@ -30,7 +30,10 @@ contains
       mu = 0.0_wp
       do b = 1, size(m%s%bodies)
         do e = m%incidence%first(b), m%incidence%first(b + 1) - 1
-          mu(m%incidence%row(e)) = mu(m%incidence%row(e)) + row_displacement(m, ev, b, e, u)
+          associate (row => m%incidence%row(e), k => m%incidence%marker(e), i => m%s%qo(b))
+            mu(row) = mu(row) + dot_product(ev%side%w(:, e), m%s%markers(k)%displacement(ev%p%rho(:, k), u(i + 1:i + 3), &
+                                                                                         u(i + 4:i + 3 + m%s%bodies(b)%nf)))
+          end associate
         end do
       end do
       call ev%schur%solve(mu)
@@ -68,17 +71,4 @@ contains
       end do
     end associate
   end subroutine solve_body
-
-  !> w . (marker displacement in body axes) of one side.
-  pure function row_displacement(m, ev, b, e, u) result(s)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: b, e                !! body, side of a row on it
-    real(wp), intent(in), contiguous :: u(:)   !! (n) accelerations [m/s2], [rad/s2]
-    real(wp) :: s
-    integer :: i, k
-    i = m%s%qo(b)
-    k = m%incidence%marker(e)
-    s = dot_product(ev%side%w(:, e), m%s%markers(k)%displacement(ev%p%rho(:, k), u(i + 1:i + 3), u(i + 4:i + 3 + m%s%bodies(b)%nf)))
-  end function row_displacement
 end module mass_solve

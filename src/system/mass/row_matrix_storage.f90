@@ -150,12 +150,12 @@ contains
   end subroutine fill_zero
 
   !> Rows that hold give way by part of what a unit multiplier accelerates them.
-  subroutine soften(self, creep, first)
+  subroutine soften(self, softening, first)
     class(row_matrix), intent(inout) :: self
-    real(wp), intent(in) :: creep             !! that part [-]
+    real(wp), intent(in) :: softening         !! that part [-]
     integer, intent(in) :: first              !! of these rows
     associate (at => pack(self%position(first:), self%position(first:) > 0))
-      self%s(0, at) = self%s(0, at)*(1 + creep)
+      self%s(0, at) = self%s(0, at)*(1 + softening)
     end associate
   end subroutine soften
 

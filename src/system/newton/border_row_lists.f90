@@ -2,7 +2,7 @@
 !> work only.
 module border_row_lists
   use kinds, only: wp
-  use force_element, only: idle
+  use force_element, only: inactive
   use measure, only: listed
   use mechanism, only: mechanism_model
   use row_sides, only: side_list
@@ -45,7 +45,7 @@ module border_row_lists
 contains
 
   !> Constraint rows, displacement rows and rate rows with their sides, body by body. Elements that switch have rows while they are
-  !> not idle.
+  !> not inactive.
   subroutine list_rows(r, m, states)
     type(row_lists), intent(out) :: r
     type(mechanism_model), intent(in) :: m
@@ -85,7 +85,7 @@ contains
     do k = 1, size(m%s%forces)
       associate (f => m%s%forces(k)%item)
         if (f%switch_number > 0) then
-          if (states(f%switch_number) == idle) cycle
+          if (states(f%switch_number) == inactive) cycle
         end if
         if (size(f%components()) > 0) then
           call add_law(from_element, k, [f%ia, f%ib], f%components(), [f%ia, f%ib], f%components())

@@ -21,7 +21,7 @@ module border_rows
   real(wp), parameter, public :: light_shift = 1.0e-11_wp   !! the same where rows are redundant everywhere [-]
   real(wp), parameter, public :: strong_shift = 1.0e-7_wp  !! the same near a singular position [-]
   real(wp), parameter, public :: stage_shift = 1.0e-5_wp   !! the same for several stages, which see the rates of rows alone [-]
-  real(wp), parameter :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
+  real(wp), parameter, public :: weak_pivot = 1.0e-5_wp   !! pivot of rows that count as nearly dependent [-]
 
   !> The equations between rows and their factor.
   type :: row_equations

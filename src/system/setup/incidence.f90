@@ -20,7 +20,7 @@ contains
       call at%add_constraints(self%s)
       call at%sort(size(self%s%bodies))
       allocate (at%row_marker(2, self%s%rows))
-      allocate (at%carried(0), at%carrier(0), at%places(0), at%angles(0), others(0), at%datum(self%s%rows))
+      allocate (at%with_carrier(0), at%carrier(0), at%places(0), at%angles(0), others(0), at%datum(self%s%rows))
       do k = 1, size(self%s%constraints)
         associate (c => self%s%constraints(k)%item)
           do i = 1, c%rows
@@ -36,7 +36,7 @@ contains
             end if
           end do
           if (c%ic > 0) then
-            at%carried = [at%carried, c%first]
+            at%with_carrier = [at%with_carrier, c%first]
             at%carrier = [at%carrier, c%ic]
           end if
         end associate

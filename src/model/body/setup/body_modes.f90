@@ -215,6 +215,7 @@ contains
     class(body_operator), intent(inout) :: self
     real(wp), intent(inout) :: y(:)                      !! (nf) forces [N, N m], then displacements [m, rad]
     real(wp) :: force(size(y)), residual(size(y)), correction(size(y))   ! [N, N m], [N, N m], [m, rad]
+    real(wp) :: work(2, size(y))                         ! [any]
     integer :: i, pass
     if (self%not_converged) return
     force = y
@@ -225,24 +226,16 @@ contains
     y = 0.0_wp
     do pass = 1, most_corrections
       correction = residual
-      call apply_factor(correction)
+      call band_solve(self%factor, size(y), correction, work)
+      do i = 1, size(self%rigid, 2)
+        correction = correction - dot_product(self%rigid(:, i), self%mass_times(correction))*self%rigid(:, i)
+      end do
       y = y + correction
       if (.not. self%corrected) return
       if (dot_product(correction, residual) <= last_correction**2*dot_product(y, force)) return
       residual = force - self%stiffness_times(y) - self%shift*self%mass_times(y)
     end do
     self%not_converged = .true.
-  contains
-    !> The factor alone, without rigid motions.
-    subroutine apply_factor(x)
-      real(wp), intent(inout) :: x(:)                    !! [N, N m], then [m, rad]
-      real(wp) :: work(2, size(x))                       ! [any]
-      integer :: i
-      call band_solve(self%factor, size(x), x, work)
-      do i = 1, size(self%rigid, 2)
-        x = x - dot_product(self%rigid(:, i), self%mass_times(x))*self%rigid(:, i)
-      end do
-    end subroutine apply_factor
   end subroutine solve
 
   !> K x from the deformations of the elements: sums of nodal forces would lose the digits that the motion of small elements as

@@ -11,7 +11,7 @@ module body_setup
   use nodal_basis, only: nodal_model
   implicit none (type, external)
   private
-  public :: add_rigid_element, add_rigid_lump, number_coordinates, elastic_integrals, make_nodal
+  public :: add_rigid_element, number_coordinates, elastic_integrals, make_nodal
   public :: make_elements, finish_elastic, body_length, find_segments
 
 contains
@@ -34,15 +34,6 @@ contains
       b%i11 = b%i11 + 2*kind%first*dot_product(xi, d) + kind%second
     end associate
   end subroutine add_rigid_element
-
-  !> Adds a lump to the rigid-body integrals.
-  pure subroutine add_rigid_lump(b, l)
-    type(body_model), intent(inout) :: b
-    type(lump), intent(in) :: l
-    b%mass = b%mass + l%mass
-    b%i1 = b%i1 + l%mass*l%x
-    b%i11 = b%i11 + l%mass*dot_product(l%x, l%x) + l%inertia
-  end subroutine add_rigid_lump
 
   !> Numbers the nodal coordinates that remain, node by node (u, v, rotation, shear angles of cores), behind each node those that
   !> are elements' own.
