@@ -71,18 +71,23 @@ contains
   pure function exact_text(x) result(t)
     real(wp), intent(in) :: x          !! any finite number [-]
     character(:), allocatable :: t
-    integer, parameter :: figures(2) = [15, 17]
+    integer, parameter :: figures(3) = [6, 15, 17]
     character(32) :: buffer
-    real(wp) :: back
+    real(wp) :: back, power
     integer :: k
+    logical :: plain                   ! without an exponent
+    plain = abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp
     t = real_text(x)
-    do k = 1, size(figures)
-      read (t, *) back
-      if (.not. abs(back - x) > 0.0_wp) exit
-      write (buffer, '(es32.'//to_text(figures(k) - 1)//'e3)') x
-      if (abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp) then
-        write (buffer, '(f32.'//to_text(figures(k) - 1 - floor(log10(abs(x))))//')') x
+    do k = 1, size(figures) - 1
+      if (plain) then                  ! a quotient of whole numbers is what would be read: both have less than 16 figures
+        power = 10.0_wp**(figures(k) - 1 - floor(log10(abs(x))))
+        back = anint(x*power)/power
+      else
+        read (t, *) back
       end if
+      if (.not. abs(back - x) > 0.0_wp) exit
+      if (plain) write (buffer, '(f32.'//to_text(figures(k + 1) - 1 - floor(log10(abs(x))))//')') x
+      if (.not. plain) write (buffer, '(es32.'//to_text(figures(k + 1) - 1)//'e3)') x
       t = trim(adjustl(buffer))
     end do
   end function exact_text
