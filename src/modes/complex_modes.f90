@@ -277,7 +277,7 @@ contains
       members = pack([(j, j=1, s%model%p)], s%model%label == part)
       call poles%find(s%model, members, .true., ok)
       s%complete = s%complete .and. ok
-      if (.not. ok) modes%unsettled = modes%unsettled + 1
+      if (.not. ok) modes%not_converged = modes%not_converged + 1
       if (.not. ok) cycle
       expected = expected + size(poles%lambda)
       do i = 1, size(poles%lambda)
@@ -308,9 +308,9 @@ contains
     type(pole_state) :: pole
     real(wp) :: residual, mass                         ! [-], [kg]
     integer :: owner, kind, k
-    logical :: ok, settled
-    call search(ds, lambda, matmul(s%model%basis, shape), pole, residual, settled)
-    ok = settled
+    logical :: ok, converged
+    call search(ds, lambda, matmul(s%model%basis, shape), pole, residual, converged)
+    ok = converged
     if (ok) then
       if (modes%match(pole%lambda, modes%find_alike(ds, pole%lambda, pole%x, vibration_mode))) return
       if (s%unlisted%match(pole%lambda, s%unlisted%find_alike(ds, pole%lambda, pole%x, vibration_mode))) return
@@ -328,8 +328,8 @@ contains
     else if (.not. s%complete) then
       mass = abs(dot_product(pole%x, momentum(ds, pole%x)))
       if (sum([(abs(dot_product(s%momenta(:, k), pole%x))**2, k=1, size(s%span, 2))]) <= least_share*mass) return
-      if (.not. settled) modes%unsettled = modes%unsettled + 1
-      if (.not. settled .or. abs(pole%lambda)**2 <= rounding_level(ds, abs(pole%x)/sqrt(mass))) return   ! or a rigid motion
+      if (.not. converged) modes%not_converged = modes%not_converged + 1
+      if (.not. converged .or. abs(pole%lambda)**2 <= rounding_level(ds, abs(pole%x)/sqrt(mass))) return   ! or a rigid motion
       ok = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode) == 0
       if (.not. ok) ok = ended_near(pole%lambda, lambda) .and. double_root(ds, 1.0_wp, pole)
       if (.not. ok) return
@@ -346,24 +346,24 @@ contains
 
   !> The damped pole that a search from an estimate finds. From real numbers it finds real poles alone, but two real estimates may
   !> stand for a pair that vibrates: then it starts again beside the real axis.
-  subroutine search(ds, lambda, x, pole, residual, settled)
+  subroutine search(ds, lambda, x, pole, residual, converged)
     type(stiffness_system), intent(inout) :: ds
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: x(:)                    !! (n) shape [m, rad]
     type(pole_state), intent(out) :: pole
     real(wp), intent(out) :: residual                  !! [-]
-    logical, intent(out) :: settled                    !! the search ended at a pole
+    logical, intent(out) :: converged                  !! the search ended at a pole
     pole = start_pole(ds, lambda, x)
-    call refine_pole(ds, 1.0_wp, pole_change, pole, settled)
-    if (.not. (settled .or. abs(lambda%im) > 0.0_wp)) then
+    call refine_pole(ds, 1.0_wp, pole_change, pole, converged)
+    if (.not. (converged .or. abs(lambda%im) > 0.0_wp)) then
       pole = start_pole(ds, lambda*cmplx(1.0_wp, beside, wp), x)
-      call refine_pole(ds, 1.0_wp, pole_change, pole, settled)
+      call refine_pole(ds, 1.0_wp, pole_change, pole, converged)
     end if
     if (abs(pole%lambda%im) <= rounding_part*abs(pole%lambda)) pole%lambda%im = 0.0_wp
     if (pole%lambda%im < 0.0_wp) pole%x = conjg(pole%x)
     pole%lambda%im = abs(pole%lambda%im)
     residual = residual_of(ds, pole%lambda, pole%x, 1.0_wp)
-    settled = settled .and. residual <= largest_residual
+    converged = converged .and. residual <= largest_residual
   end subroutine search
 
   !> The space of the modes that are asked for, mass-orthonormal.

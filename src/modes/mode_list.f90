@@ -20,7 +20,7 @@ module mode_list
     complex(wp), allocatable :: x(:, :)                !! (n, count) shapes [m, rad, of any size]
     logical, allocatable :: matched(:)                 !! it matches a pole of the reduced system
     complex(wp), allocatable :: unfound(:)             !! undamped modes asked for and not found, nearly [1/s]
-    integer :: unsettled = 0                           !! searches for further poles that did not end at one
+    integer :: not_converged = 0                       !! searches for further poles that did not end at one
     integer :: missing_undamped = 0                    !! modes that are counted and not in the list
     integer :: missing = 0                             !! poles that the list lacks though all eigenvalues were computed
     logical :: counted = .true.                        !! false: undamped modes cannot be counted for rounding

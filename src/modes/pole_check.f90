@@ -106,7 +106,7 @@ contains
                         to_text(maxval([0.0_wp, modes%residual]))
     if (.not. symmetric .and. any(modes%kind == real_pole)) modes%note_damped = modes%note_damped// &
       '; of the relaxations not all: there are gyroscopic terms or forces that follow the motion'
-    if (modes%unsettled > 0) modes%note_damped = modes%note_damped//'; '//to_text(modes%unsettled)// &
+    if (modes%not_converged > 0) modes%note_damped = modes%note_damped//'; '//to_text(modes%not_converged)// &
                                                  ' searches for further ones did not settle'
   end subroutine describe_searched
 
@@ -132,7 +132,7 @@ contains
       do k = 1, size(modes%unfound)
         words = words//', one near '//hertz(abs(modes%unfound(k)))
       end do
-    else if (modes%missing /= 0 .or. modes%unsettled > 0) then
+    else if (modes%missing /= 0 .or. modes%not_converged > 0) then
       words = 'poles may be missing in modes.txt: '//modes%note_damped
     else if (.not. modes%counted) then
       words = 'modes.txt may not be complete: '//modes%note_undamped
