@@ -89,10 +89,10 @@ contains
     self%pending = .false.
   end subroutine init_from_assembly
 
-  !> A distance from 0 on: markers that coincide are apart in whatever direction they move.
+  !> A distance from 0 on: markers that coincide are apart in whatever direction they move. So is a follower that a bowl surrounds.
   pure logical function in_all_directions(self)
     class(measure_model), intent(in) :: self
-    in_all_directions = self%radial .and. .not. self%datum > 0.0_wp
+    in_all_directions = (self%radial .or. self%span > 0.0_wp) .and. .not. self%datum > 0.0_wp
   end function in_all_directions
 
   !> Rates of what the gradient is by.
