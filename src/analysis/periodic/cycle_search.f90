@@ -69,6 +69,7 @@ contains
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
     type(turn_result) :: next
+    logical :: taken
     call make_turn(self, run, self%x, self%period, self%turn)
     if (self%fail%happened()) return
     self%lost_first = self%turn%lost
@@ -79,8 +80,9 @@ contains
       if (maxval(abs(r)) < self%tolerance) return
       call make_turn(self, run, plain_start(self, self%turn), self%period, next)
       if (self%fail%happened() .or. next%lost) return
-      if (norm2(self%map%change(next)) < norm2(r) .or. &
-          .not. same_events(self%turn%events, next%events, self%changed)) self%turn = next
+      taken = norm2(self%map%change(next)) < norm2(r)
+      if (.not. taken) taken = .not. same_events(self%turn%events, next%events, self%changed)
+      if (taken) self%turn = next
     end associate
   end subroutine begin
 
@@ -197,7 +199,8 @@ contains
         if (self%fail%happened()) return
         if (next%lost) cycle
         ok = norm2(self%map%change(next)) < norm2(r)
-        if (ok .or. .not. same_events(self%turn%events, next%events, self%changed)) exit
+        if (ok) exit
+        if (.not. same_events(self%turn%events, next%events, self%changed)) exit
       end do
       if (ok) then
         self%period = self%period + (period - self%period)*0.5_wp**k
