@@ -114,7 +114,7 @@ contains
     else if (.not. abs(x) <= huge(x)) then
       t = 'no finite number'
     else if (abs(x) >= 1.0e-3_wp .and. abs(x) < 1.0e6_wp) then
-      write (buffer, '(f20.'//to_text(5 - floor(log10(abs(x))))//')') x
+      write (buffer, '(f20.'//to_text(5 - min(5, floor(log10(abs(x)))))//')') x
       t = without_zeros(trim(adjustl(buffer)))
     else
       write (buffer, '(es14.5e3)') x

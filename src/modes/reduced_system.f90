@@ -245,6 +245,7 @@ contains
     end do
     if (damped) then
       do j = 1, n
+        if (.not. kept(j)) cycle
         lambda = cmplx(wr(j), wi(j), wp)
         do r = 1, size(model%law)                      ! but a pole of a viscoelastic term alone, in which nothing moves
           associate (law => model%law(r))

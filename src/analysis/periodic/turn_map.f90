@@ -15,7 +15,7 @@ module turn_map
   use step_monitor, only: method_number
   use step_counts, only: actual_step, step_count
   use stops, only: stop_model, stop_open
-  use time_stepper, only: stepper, paused, reached
+  use time_stepper, only: root_watch, stepper, paused, reached
   use turn_log, only: turn_result
   implicit none (type, external)
   private
@@ -148,6 +148,7 @@ contains
     turn%range = [real(wp) ::]
     if (first) turn%range = high - low
     if (r%adaptive) turn%steps = as_fine(passed)
+    method%roots = root_watch()                      ! gfortran 12 frees the first of two components of one type alone
   end subroutine march
 
   !> Columns of sensors at t = 0 from a start.

@@ -43,7 +43,7 @@ contains
     least = merge(3, 2, r%closed)
     if (size(r%x) < least) call deck%complain(either('file', 'x', deck%is_given('file')), 'the profile has '// &
       to_text(size(r%x))//' points, expected at least '//to_text(least))
-    do k = 2, size(r%x)
+    do k = 2, min(size(r%x), size(r%y))
       if (abs(r%x(k) - r%x(k - 1)) > 0.0_wp .or. abs(r%y(k) - r%y(k - 1)) > 0.0_wp) cycle
       call deck%complain(either('file', 'x', deck%is_given('file')), 'points '//to_text(k - 1)//' and '//to_text(k)// &
         ' of the profile coincide, expected each once')

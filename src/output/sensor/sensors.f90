@@ -80,6 +80,7 @@ contains
     type(sensor_record) :: r
     type(reaction_sensor_model) :: reaction        ! a constructor would never free its list
     type(slip_sensor_model) :: slip
+    type(power_sensor_model) :: power
     type(contact_sensor_model), allocatable :: contact
     character(:), allocatable :: unit
     integer, allocatable :: row(:)                 ! the friction's number among the constraints
@@ -134,7 +135,8 @@ contains
         columns(k) = result_column('.g'//to_text(k), 'rad')
       end do
     case ('power')
-      item = power_sensor_model(source=source_of(m%s, r))
+      power%source = source_of(m%s, r)
+      item = power
       columns = [result_column('', 'W')]
     case ('work')
       item = work_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1))
