@@ -127,7 +127,7 @@ contains
     if (law%lowest_order() < 2) call r%at%blame(faults, 'history='//quoted(trim(law%name))//' jumps or has a corner, which no '// &
       'profile has, expected a law with continuous value and slope (kind=''ramp'', ''cycloid'' or a spline)')
     turns = 2*pi/max(law%period, tiny(1.0_wp)**0.5_wp)
-    if (law%period > 0.0_wp .and. abs(turns - nint(turns)) > closes*turns) then
+    if (law%period > 0.0_wp .and. abs(turns - anint(turns)) > closes*turns) then
       call r%at%blame(faults, 'history='//quoted(trim(law%name))//' repeats after '//short(law%period)// &
                       ', expected 2*pi, a turn of the cam in rad')
     else if (any(abs(last(0:1) - first(0:1)) > closes*size_of)) then

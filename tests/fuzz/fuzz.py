@@ -77,7 +77,8 @@ def run(program: Path, folder: Path, names: list[str], patience: float = PATIENC
         status, ended, said = start(program, folder, names, patience)
         texts = said.decode(errors="replace").splitlines()
         for name, ending in ended:
-            found[name] = (ending, "\n".join(line for line in texts if line.startswith(name)))
+            mine = (line for line in texts if line.startswith(name) or "part.nml:" in line)  # or of the file that decks include
+            found[name] = (ending, "\n".join(mine))
         names = [name for name in names if name not in found]
         normal = status in (0, 1, 2, 3, 143, -15) and not DIED.search(said)
         if names and status in (143, -15) and not ended:  # asked to stop before it had begun to write, or to run
