@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from biela.histories import read
 from conftest import program
+from linear_oracle import compare_linear
 from scipy.integrate import solve_ivp
 from test_motion_laws import BODIES, COLUMNS, LOADS, SCENE, SUFFIX
 
@@ -144,14 +145,7 @@ def test_statics_modes_and_responses(run_deck):
     mass = np.diag([2.0, 1.0])
     damping = np.array([[0, 0.5 * 1.5 * (3 - 7 * x - 2 * x * x)], [0, 0]])
     stiffness = np.array([[150, -100 + 7 + 4 * x], [-100, 100.0]])
-    poles = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, np.hstack([stiffness, damping]))]]))
-    found = [p for p in run.figures["modes"]["poles"] if p["kind"] != "undamped"]
-    found = [complex(p["real_part"], 2 * np.pi * p["frequency"]) for p in found]
-    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(poles[poles.imag > 0]), rtol=1e-7)
-    response = read(run.folder / "frequency_response.txt")
-    s = 2j * np.pi * response["f"]
-    b = [np.linalg.solve(mass * si**2 + damping * si + stiffness, [0, 1])[1] for si in s]
-    np.testing.assert_allclose(response["at.x.re"] + 1j * response["at.x.im"], b, rtol=1e-9)
+    compare_linear(run, mass, damping, stiffness)
 
 
 STROKE = """&body name='a' kind='rigid' mass=2 inertia=0.1 position=0.3,0 /

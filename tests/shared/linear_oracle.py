@@ -10,6 +10,7 @@ import subprocess
 
 import numpy as np
 import scipy.linalg
+from biela.histories import read
 from linearised import evaluate, layout
 
 
@@ -237,3 +238,15 @@ class Dense:
             if s.imag < 1e-3 * abs(s) or abs(s - before) > 0.1 * abs(s):
                 return None
         return s
+
+
+def compare_linear(run, mass, damping, stiffness):
+    """Hold damped modes and the response of `at.x` to a unit force on the second freedom to dense matrices of two freedoms."""
+    poles = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(mass, np.hstack([stiffness, damping]))]]))
+    found = [p for p in run.figures["modes"]["poles"] if p["kind"] != "undamped"]
+    found = [complex(p["real_part"], 2 * np.pi * p["frequency"]) for p in found]
+    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(poles[poles.imag > 0]), rtol=1e-7)
+    response = read(run.folder / "frequency_response.txt")
+    s = 2j * np.pi * response["f"]
+    b = [np.linalg.solve(mass * si**2 + damping * si + stiffness, [0, 1])[1] for si in s]
+    np.testing.assert_allclose(response["at.x.re"] + 1j * response["at.x.im"], b, rtol=1e-9)
