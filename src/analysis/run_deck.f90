@@ -64,7 +64,6 @@ contains
     type(stability_advice) :: advice
     character(:), allocatable :: words
     type(summary_record) :: text
-    integer :: k
     call system_clock(run%began)
     status = status_bad_input
     call read_deck(path, run%d, faults, options%settings, options%flat)
@@ -104,10 +103,7 @@ contains
     if (options%check) call mobility_lines(run%d, text)
     if (options%check) call flexibility_lines(run, text)
     if (options%json .or. .not. options%check) call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)   ! in JSON alone
-    call advise(run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), advice)
-    k = method_number(run%d%transient%method)
-    if (k > 0) run%stable_step = advice%safe%step(k)
-    run%stable_steps = advice%lowest
+    call advise(run, advice)
     call text%append(advice%text)
     call deck_step(run, advice, text)
     call text%close()

@@ -7,10 +7,12 @@ module step_advice
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use safe_bound, only: find_safe_bound
+  use scene_run, only: run_state
   use spectrum, only: fast_spectrum
   use spring_directions, only: turning_stiffness
   use tableaux, only: method_names
   use step_bounds, only: step_bound, find_bound, take_smaller
+  use step_monitor, only: method_number
   use summary_text, only: summary_record
   use validity, only: bend_to_limit
   implicit none (type, external)
@@ -27,15 +29,19 @@ module step_advice
 
 contains
 
-  !> Both bounds at the present state, with their explanation.
-  subroutine advise(m, ev, q, advice)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m, rad]
+  !> Both bounds at the present state of a run, with their explanation; the run keeps its stable steps.
+  subroutine advise(run, advice)
+    type(run_state), intent(inout) :: run
     type(stability_advice), intent(out) :: advice
-    call both_bounds(m, ev, q, advice%safe, advice%current)
-    call advice_lines(m, advice)
-    call note_limits(m, ev, q, advice)
+    integer :: k
+    associate (m => run%sys%m, ev => run%sys%ev, q => run%y(1:run%sys%m%s%nq))
+      call both_bounds(m, ev, q, advice%safe, advice%current)
+      call advice_lines(m, advice)
+      call note_limits(m, ev, q, advice)
+    end associate
+    k = method_number(run%d%transient%method)
+    if (k > 0) run%stable_step = advice%safe%step(k)
+    run%stable_steps = advice%lowest
   end subroutine advise
 
   !> Adds what the safe bound of this scene does not count: inertia that deflections change, tried with every flexible body bent
