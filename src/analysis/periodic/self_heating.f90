@@ -61,7 +61,7 @@ contains
     real(wp), dimension(size(self%part)) :: step, rest, before, change   ! [K]
     real(wp) :: slope(size(self%part), size(self%part))   ! of the temperature over the rest, with the opposite sign [-]
     character(:), allocatable :: problem
-    real(wp) :: close                                ! [K]
+    real(wp) :: allowed                              ! [K]
     integer :: k
     rest = 0.0_wp
     slope = 0.0_wp
@@ -72,8 +72,8 @@ contains
       before = rest
       call find_losses(self, run, cycle)
       rest = self%ambient + self%resistance*self%loss - self%temperature
-      close = agreement*cycle%tolerance*maxval(self%resistance*abs(self%loss))
-      if (all(abs(rest) <= close)) return
+      allowed = agreement*cycle%tolerance*maxval(self%resistance*abs(self%loss))
+      if (all(abs(rest) <= allowed)) return
       if (self%rounds > 0) then
         change = matmul(slope, before - rest)
         associate (along => dot_product(step, change))
@@ -86,7 +86,7 @@ contains
       do
         call warmed(self, run, self%temperature + step, cycle, problem)
         if (cycle%fail%happened()) return
-        if (len(problem) == 0 .or. maxval(abs(step)) <= close .or. self%rounds >= most_rounds) exit
+        if (len(problem) == 0 .or. maxval(abs(step)) <= allowed .or. self%rounds >= most_rounds) exit
         step = 0.5_wp*step
       end do
       if (len(problem) == 0 .and. self%rounds >= most_rounds) problem = to_text(most_rounds)//' rounds were made'
