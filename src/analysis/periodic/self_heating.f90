@@ -147,7 +147,7 @@ contains
   !> Why there is no balance: the part that is farthest from it.
   function no_balance(self, rest, before) result(words)
     class(heat_balance), intent(in) :: self
-    real(wp), intent(in) :: rest(:), before(:)       !! from the last temperatures to where the losses lead, and one round before [K]
+    real(wp), intent(in) :: rest(:), before(:)       !! from the temperatures to where losses lead, and a round before [K]
     character(:), allocatable :: words
     integer :: k
     k = maxloc(abs(rest), 1)
