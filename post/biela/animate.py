@@ -11,7 +11,7 @@ from matplotlib import patheffects as path_effects
 from PIL import Image
 
 from .histories import read
-from .mechanism import Mechanism, add_trace, from_run, zigzag
+from .mechanism import Mechanism, Pair, add_trace, from_run, zigzag
 from .picture_files import FORMATS, lay_out, plain_numbers, stem_of
 from .plot import LOOK, body_look
 from .progress import Progress
@@ -20,6 +20,7 @@ from .result_files import HistoryError, note, writing
 DARK = "#333333"
 TOUCHED = "#e0452f"
 FILMS = (".gif", ".mp4")
+LONGEST = 8.0  # line of a contact's force, over half the length of a wall
 MARGIN = 0.1  # around what is drawn, by its larger side
 SHEET = (10.0, 7.5)  # of a sheet of panels at most [inch]
 SHEET_LOOK = LOOK | {"axes.grid": False, "font.size": 9}
@@ -43,6 +44,8 @@ class Picture:
         self.springs = [axis.plot([], [], "-", color=springs, lw=1.2, zorder=5)[0] for _ in scene.springs]
         self.stops = [axis.plot([], [], "-", color=stops, lw=2.0, zorder=2)[0] for _ in scene.stops]
         self.touched = [axis.plot([], [], "-", color=TOUCHED, lw=3.5, zorder=4.5)[0] for _ in scene.stops]  # over what touches them
+        self.pairs = [stop for stop in scene.stops if isinstance(stop, Pair)]
+        self.forces = [axis.plot([], [], "-", color=TOUCHED, lw=1.8, zorder=6.5)[0] for _ in self.pairs]
         self.wall = 0.03 * max(high - low)
         self.bodies = [
             axis.plot([], [], color=colour, ls=style, lw=2.2, zorder=3)[0]
@@ -61,7 +64,7 @@ class Picture:
         if fixed:
             axis.plot(*np.transpose(fixed), "^", color=DARK, ms=10, zorder=2)
         self.stamp = axis.text(0.02, 0.98, "", transform=axis.transAxes, ha="left", va="top")
-        lines = [*self.rails, *self.links, *self.springs, *self.stops, *self.touched]
+        lines = [*self.rails, *self.links, *self.springs, *self.stops, *self.touched, *self.forces]
         lines += [*self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
         self.moving = [*sorted(lines, key=lambda line: line.zorder), *self.names, self.stamp]
 
@@ -96,6 +99,8 @@ class Picture:
             touches |= since is not None and stop.struck_within(scene.time[since], scene.time[row])
             line.set_data(*np.concatenate([[*wall, [np.nan] * 2] for wall in walls]).T)
             hit.set_data(*(walls[0].T if touches else ([], [])))
+        for line, pair in zip(self.forces, self.pairs):
+            line.set_data(*pair.pressed(scene, row, LONGEST * self.wall).T)
         _dots(self.lumps, [scene.position(marker, row) for marker in scene.lumps])
         _dots(self.blocks, [scene.position(marker, row) for marker, _, _ in scene.sliders])
         _dots(self.pins, [scene.position(marker, row) for marker in scene.pins])

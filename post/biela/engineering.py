@@ -23,6 +23,8 @@ LARGEST_VALUES = {
     ("reaction", "m"): ("largest moment, {}", ("m",)),
     ("spring", "f"): ("largest force of spring, {}", ("f",)),
     ("stop", "f"): ("largest force of stop, {}", ("f",)),
+    ("contact", "f"): ("largest contact force, {}", ("f",)),
+    ("contact", "p"): ("largest contact pressure, {}", ("p",)),
 }  # by kind of sensor and column: in words, and the parts of the vector; of moments the larger one
 LOSSES = {"stops": "stop {}", "friction": "friction of joint {}"}  # lists of the summary, and what their items are called
 
@@ -75,6 +77,14 @@ def of_history(
             if (force := stops.get(group.word("stop") or "", 0.0)) > np.abs(size).max():
                 peak = f"{force:.4g} {pretty_unit(table.units[name])} between rows near{peak.partition(' at')[2]}"
             yield words.format(sensor), peak
+
+
+def of_pairs(transient: dict) -> Iterator[tuple[str, str]]:
+    """Yield the least and the largest contact force of each joint on a profile, as the summary tells them."""
+    for pair in transient.get("pairs", []):
+        words = "{least_force:.4g} N at t = {least_at:.4g} s to {largest_force:.4g} N at t = {largest_at:.4g} s".format(**pair)
+        pulls = f"; first pulls at t = {pair['pulls_at']:.4g} s" if "pulls_at" in pair else ""
+        yield f"contact force, joint {pair['name']}", words + pulls
 
 
 def first_turn(scene: dict, motion: Mechanism) -> float:

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .histories import History, read_events, read_summary
+from .deck import groups_of
+from .histories import History, read, read_events, read_summary
 from .result_files import HistoryError
 
 NODE = re.compile(r"(?P<body>.+)\.(?P<node>\d+)\.x")
@@ -121,22 +122,46 @@ class Pair(Stop):
     outline: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # of the profile, axes of section b [m]
     radius: float = 0.0  # of the roller [m]
     face: float | None = None  # angle of a face's normal from section a [rad]
+    force: np.ndarray | None = None  # (rows) of the contact over its largest size [-]; None: not known
 
     def walls(self, scene: Mechanism, row: int, half: float) -> tuple[list[np.ndarray], bool]:
         """Return the follower and the profile, and whether they touch, as far as points tell."""
-        a = scene.position(self.a, row)
-        c, s = np.cos(self.b.angle(row)), np.sin(self.b.angle(row))
-        profile = scene.position(self.b, row) + self.outline @ np.array([[c, s], [-s, c]])
+        a, profile = scene.position(self.a, row), self._profile(scene, row)
+        place, normal = self.contact(scene, row)
         if self.face is None:
             turn = np.linspace(0.0, 2.0 * np.pi, 61)
             follower = a + self.radius * np.transpose([np.cos(turn), np.sin(turn)])
-            gap = abs(np.hypot(*(profile - a).T).min() - self.radius)
+            gap = abs((a - place) @ normal - self.radius)
         else:
-            angle = self.a.angle(row) + self.face
-            across = half * np.array([-np.sin(angle), np.cos(angle)])
+            along = np.diff(self.outline, axis=0)  # the face is wide enough for all places
+            reach = np.abs((self.outline[:-1] * along).sum(axis=1) / np.hypot(*along.T)).max()
+            across = (half + reach) * np.array([-normal[1], normal[0]])
             follower = np.array([a - across, a + across])
-            gap = ((a - profile) @ np.array([np.cos(angle), np.sin(angle)])).min()
+            gap = (a - place) @ normal
         return [follower, profile], bool(gap <= 0.05 * np.hypot(*np.diff(profile, axis=0).T).max())
+
+    def contact(self, scene: Mechanism, row: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the place of the profile that is nearest to the follower [m], and the normal there, towards the follower."""
+        a, profile = scene.position(self.a, row), self._profile(scene, row)
+        if self.face is not None:
+            angle = self.a.angle(row) + self.face
+            normal = np.array([np.cos(angle), np.sin(angle)])
+            return profile[np.argmax(profile @ normal)], normal
+        along = np.diff(profile, axis=0)
+        share = np.clip(((a - profile[:-1]) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+        feet = profile[:-1] + share[:, None] * along
+        k = np.argmin(np.hypot(*(a - feet).T))
+        arm = a - feet[k] if self.radius > 0.0 else np.array([along[k, 1], -along[k, 0]])
+        return feet[k], arm / np.hypot(*arm)
+
+    def pressed(self, scene: Mechanism, row: int, longest: float) -> np.ndarray:
+        """Return the line of the force on the follower from where it touches, shape (2, 2) [m]; a pull goes the other way."""
+        place, normal = self.contact(scene, row)
+        return np.array([place, place + longest * (0.0 if self.force is None else self.force[row]) * normal])
+
+    def _profile(self, scene: Mechanism, row: int) -> np.ndarray:
+        c, s = np.cos(self.b.angle(row)), np.sin(self.b.angle(row))
+        return scene.position(self.b, row) + self.outline @ np.array([[c, s], [-s, c]])
 
 
 @dataclass
@@ -283,7 +308,21 @@ def from_run(motion: History, exaggerate: float = 1.0) -> Mechanism:
         events = read_events(motion.path.parent)
         for stop in mechanism.stops:
             stop.struck = np.array([event.time for event in events if event.element.lower() == stop.name.lower()])
+        _add_forces(mechanism, motion.path.parent)
     return mechanism
+
+
+def _add_forces(mechanism: Mechanism, folder: Path) -> None:
+    """Add the forces of the contacts that sensors show."""
+    pairs = {pair.name.lower(): pair for pair in mechanism.stops if isinstance(pair, Pair)}
+    groups = groups_of(read_summary(folder)["groups"]) if pairs else ()
+    shown = {g.name: g.word("joint") or g.word("stop") for g in groups if g.kind == "sensor" and g.word("quantity") == "contact"}
+    history = read(folder) if shown else None
+    for column in history.names if history else ():
+        name, _, part = column.rpartition(".")
+        if part == "f" and (pair := pairs.get(shown.get(name.lower()) or "")):
+            force = np.interp(mechanism.time, history.time, history[column])
+            pair.force = force / (np.abs(force).max() or 1.0)
 
 
 def add_scene(mechanism: Mechanism, figures: dict, path: Path) -> None:
@@ -327,7 +366,8 @@ def _add_items(mechanism: Mechanism, scene: dict) -> None:
         """Return what a joint or stop of this kind shows."""
         a, b = marker(item["a"]), marker(item["b"])
         follower = {"outline": outlines[item["profile"]], "radius": item["radius"], "face": item["face"]}
-        return Pair(a, b, None, 0.0, None, name=item["name"], **follower)
+        still = np.ones(1) if len(mechanism.time) == 1 else None  # of a scene that does not move: where a force would act
+        return Pair(a, b, None, 0.0, None, name=item["name"], force=still, **follower)
 
     for joint in scene["joints"]:
         if joint["kind"] == "profile":

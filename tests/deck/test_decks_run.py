@@ -81,11 +81,18 @@ def test_a_valve_train_lifts_off_at_the_speed_of_the_closed_form(run_deck):
     assert speed == pytest.approx(414.89, abs=0.01)
     deck = ROOT / "input" / "valve_train.nml"
     for factor, sign in ((0.9, 1.0), (1.0, 0.0), (1.1, -1.0)):
-        h = run_deck(deck, "--set", f"speed={factor * speed}").history
+        run = run_deck(deck, "--set", f"speed={factor * speed}")
+        h = run.history
         row = int(h["contact.f"].argmin())
         least = np.polynomial.Polynomial.fit(h.time[row - 1 : row + 2], h["contact.f"][row - 1 : row + 2], 2)
         assert least(least.deriv().roots()[0]) == pytest.approx(0.0, abs=2e-3) if sign == 0.0 else sign * h["contact.f"][row] > 20.0
+    (pair,) = run.figures["transient"]["pairs"]
+    assert pair["least_at"] == h.time[row]
+    before = int(np.argmax(h["contact.f"] < 0.0)) - 1
+    assert h.time[before] < pair["pulls_at"] < h.time[before + 1]
     at = h["contact.f"].argmax()
+    assert pair["largest_force"] == h["contact.f"][at]
+    assert pair["largest_at"] == h.time[at]
     angle = np.mod(factor * speed * h.time[at] - np.radians(5.0), 2 * np.pi)
     rho = 18e-3 + np.interp(angle, rise * x, s[: len(x)]) + np.interp(angle, rise * x, curve[: len(x)])
     assert h["contact.p"][at] == pytest.approx(np.sqrt(h["contact.f"][at] * 115e9 / (np.pi * rho * 12e-3)), rel=1e-4)

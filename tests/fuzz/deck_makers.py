@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import re
 import sys
@@ -17,7 +18,7 @@ import scenes  # noqa: E402
 from deck_keys import Key, applying, choice_of  # noqa: E402
 
 METHODS = ["rk4", "dopri5", "radau", "generalized_alpha"]
-JOINTS = ["revolute", "weld", "slider", "prismatic", "distance", "gear"]
+JOINTS = ["revolute", "weld", "slider", "prismatic", "distance", "gear", "profile"]
 WILD = re.findall(
     r"\S+",
     """0 -0.0 -1 1 2 3 1e-300 1e-40 1e-30 1e-20 1e-12 1e-5 1e6 1e12 1e15 1e20 1e30 1e40 1e100 1e200 1e300 1e308 -1e308 1e400 nan
@@ -113,8 +114,9 @@ def materials(dice: random.Random) -> str:
     """Return two materials and two sections."""
     text = ""
     for name in "mn":
-        law = terms(dice)
-        text += group_of(dice, "material", f"name='{name}'{law}{shift(dice)}", SHIFT + " ghm_frequency_scale" * (not law))
+        law = f"young={some(dice, 7, 11)}{terms(dice)}"
+        without = SHIFT + " shear_modulus poisson" + " ghm_frequency_scale" * ("ghm" not in law)
+        text += group_of(dice, "material", f"name='{name}' {law}{shift(dice)}", without)
     shapes = [
         "area=1e-4 inertia=1e-9",
         "shape='rectangle' width=0.02 height=0.01",
@@ -228,13 +230,13 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
     for k in range(dice.choice([0, 0, 1, 2])):
         text += stop(dice, bodies, f"t{k}") + maybe(dice, 0.6, f"&sensor name='t{k}' quantity='stop' stop='t{k}' /\n")
     text += "&sensor name='s' quantity='spring' spring='k0' /\n" if "'k0'" in text else ""
+    text += maybe(dice, 0.3, stroke(dice, text, [b[0] for b in bodies]))
     return text + (controller(dice, text) if "controller='c0'" in text else "")
 
 
 def controller(dice: random.Random, text: str) -> str:
     """Return a controller of a column that the deck has: gains, filter, limits, windup, samples, delay."""
-    columns = {"position": ".x", "velocity": ".y", "angle": "", "angular_velocity": "", "far": "", "u": ".v", "q": ".qd", "s": ".d"}
-    found = [name + columns[name] for name in re.findall(r"&sensor name='(\w+)'", text) if name in columns]
+    found = [name + COLUMNS[name] for name in re.findall(r"&sensor name='(\w+)'", text) if name in COLUMNS]
     gains = " ".join(f"{name}={dice.uniform(-1, 1) * 10 ** dice.uniform(-3, 4):.6g}" for name in dice.sample(["kp", "ki", "kd"], 2))
     limits = dice.choice(["", "", " lower=-1.0", " upper=0.5", " lower=-0.3 upper=0.4"])
     without = "kp ki kd lower upper" + " filter" * ("kd" not in gains) + " windup_time" * (not limits or "ki" not in gains)
@@ -243,20 +245,164 @@ def controller(dice: random.Random, text: str) -> str:
     return text + maybe(dice, 0.5, "&sensor name='c' quantity='controller' controller='c0' /\n")
 
 
+def lift(dice: random.Random, size: float) -> str:
+    """Return a history for laws, by which a cam turns once; now and then one that is none."""
+    up, down = dice.sample(["ramp", "cycloid"], 2)
+    first, last = sorted(dice.uniform(0.3, 5.5) for _ in range(2))
+    high = size * dice.uniform(-0.5, 0.8)
+    points = dice.choice([5, 12, 36])
+    values = [high * dice.random() for _ in range(points)]
+    time = ",".join(f"{{{k}*pi/{points}*2}}" for k in range(points + 1))
+    law = dice.choice(
+        [
+            f"kind='sine' amplitude={high:.5g} frequency={{{dice.randint(1, 3)}/(2*pi)}}",
+            "kind='sequence' histories='up','down','rest' durations={a},{b-a},{2*pi-b} periodic=.true.",
+            "kind='sequence' histories='up','down' durations={a},{2*pi-a}",
+            f"kind='table' time={time} value={','.join(f'{v:.4g}' for v in [*values, values[0]])} periodic=.true."
+            f" interpolation='{dice.choice(['spline', 'spline', 'pchip', 'linear'])}'",
+            "kind='sum' histories='turn','turn' factors=1,-0.5",
+            "kind='product' histories='turn','turn'",
+            "kind='polynomial' coefficients=0",
+        ]
+    )
+    return f"""&parameter name='a' value={first:.6g} /
+&parameter name='b' value={last:.6g} /
+&history name='up' kind='{up}' start_value=0 end_value={high:.5g} start=0 finish={{a}} /
+&history name='down' kind='{down}' start_value={high:.5g} end_value=0 start=0 finish={dice.choice(["{b-a}", "{2*pi-a}"])} /
+&history name='rest' kind='polynomial' coefficients=0 /
+&history name='turn' kind='sine' amplitude={high:.5g} frequency={{1/(2*pi)}} /
+&history name='lift' {law} /
+"""
+
+
+def profile(dice: random.Random, name: str, size: float) -> str:
+    """Return a profile of any kind; its law is the history lift."""
+    count, waves, deep = dice.choice([3, 8, 30, 30]), dice.randint(1, 4), dice.choice([0, 0.02, 0.3])
+    turn = dice.choice([1, 1, -1, 0.4]) * 2 * math.pi / count
+    polar = [(size * (1 + deep * math.cos(waves * turn * k)), turn * k) for k in range(count)]
+    x, y = (",".join(f"{r * f(angle):.6g}" for r, angle in polar) for f in (math.cos, math.sin))
+    law = f"kind='law' history='lift'{maybe(dice, 0.3, ' clockwise=.true.')}"
+    disc = f"base_radius={size:.4g} radius={size * dice.choice([0.1, 0.3, 1, 5]):.4g}"
+    arm = f"radius={size * 0.3:.4g} arm={size * dice.uniform(1, 3):.4g} pivot={2 * size:.4g},{0.5 * size:.4g}"
+    kinds = [
+        f"kind='circle' radius={size:.4g}" + maybe(dice, 0.4, " hollow=.true."),
+        f"kind='points' x={x} y={y}" + maybe(dice, 0.3, " closed=.false."),
+        f"{law} follower='flat' base_radius={size:.4g}",
+        f"{law} {disc}" + maybe(dice, 0.6, f" offset={size * dice.uniform(-0.3, 0.3):.4g}"),
+        f"{law} {arm}",
+    ]
+    return f"&profile name='{name}' {dice.choice(kinds)} /\n"
+
+
+def follower(dice: random.Random, size: float) -> str:
+    """Return a follower."""
+    roller = f"radius={size * dice.choice([0.1, 0.3, 0.5, 2]):.4g}"
+    return dice.choice(["", roller, roller, f"face={dice.choice(['{90*deg}', '{90*deg}', '-1', '{pi}'])}"])
+
+
+def cam(dice: random.Random) -> str:
+    """Return a cam that turns, with a follower that is held to it, pushed back by it, or both."""
+    size = float(some(dice, -2, 0))
+    rigid = f"mass={some(dice, -2, 1)} inertia={some(dice, -5, -2)}"
+    made = [
+        dice.choice(
+            [(rigid, ""), (rigid, ""), (f"kind='beam' length={3 * size:.4g} elements=2 material='m' section='s'", " node{}=1")]
+        )
+        for _ in range(2)
+    ]
+    (turns, hub), (slides, end) = made
+    touch = end.replace("=1", "=-1").format("_a")
+    text = f"&scene gravity=0,{dice.choice(['0', '-9.81'])} /\n" + materials(dice) + lift(dice, size) + profile(dice, "p0", size)
+    text += f"&body name='cam' {turns} angle={dice.uniform(-4, 4):.3f} /\n"
+    text += f"&joint name='shaft' type='revolute' body_a='cam'{hub.format('_a')} /\n"
+    at = f"position=0,{size * dice.choice([1, 1.3, 2, -0.5, 0]):.4g}"
+    text += f"&body name='f' {slides} {at} angle={dice.choice(['0', '1.5', '{pi}'])} /\n"
+    way = dice.choice(["type='prismatic' direction={90*deg}", f"type='revolute' point_b={2 * size:.4g},{0.5 * size:.4g}", ""])
+    text += f"&joint name='guide' {way} body_a='f'{end.format('_a')} /\n" if way else ""
+    carrier = dice.choice([f"body_b='cam'{hub.format('_b')}"] * 3 + ["body_b='ground'"])
+    pair = f"type='profile' body_a='f'{touch} {carrier} profile='p0' {follower(dice, size)}"
+    hard = dice.choice([f"stiffness={some(dice, 2, 8)}", f"stiffness={some(dice, 2, 8)}", f"restitution={dice.random():.2f}"])
+    kind = dice.choice(["joint", "stop"])
+    text += f"&{kind} name='pair' {pair} {hard * (kind == 'stop')} /\n"
+    text += f"&sensor name='contact' quantity='contact' {kind}='pair'" + maybe(dice, 0.5, f" direction={dice.uniform(-3, 3):.3f}")
+    text += maybe(dice, 0.2, " modulus={100*GPa} width=0.01") + " /\n"
+    text += maybe(dice, 0.3, f"&stop name='other' {pair} stiffness={some(dice, 2, 8)} exponent=1 /\n")
+    text += f"&sensor name='position' quantity='position' body='f'{end.format('')} /\n"
+    text += "&sensor name='angle' quantity='angle' body='cam' /\n"
+    text += f"&history name='speed' coefficients={dice.choice(['0', '1', '-30', '200'])} /\n"
+    drive = "&drive name='d' type='rotation' body_a='cam' history='speed' rate=.true. /\n"
+    text += dice.choice([drive, "&force name='f0' type='torque' body='cam' moment=1 /\n"]) + stroke(dice, text, ["cam", "f"])
+    spring = f"body_a='f'{end.format('_a')} point_b=0,{9 * size:.4g} stiffness={some(dice, 0, 5)}"
+    return text + maybe(dice, 0.3, f"&spring name='k0' {spring} /\n")
+
+
+def stroke(dice: random.Random, text: str, names: list[str]) -> str:
+    """Return forces by histories with arguments of their own, products and switches, of columns that the deck has."""
+    columns = [name + COLUMNS[name] for name in re.findall(r"&sensor name='(\w+)'", text) if name in COLUMNS] or ["angle"]
+    laws = [
+        "coefficients=1,-2",
+        "kind='sine' amplitude=1 frequency=3",
+        "kind='ramp' start_value=1 end_value=-1 start=-0.1 finish=0.2",
+        "kind='table' time=-1,0,1,2 value=0,1,0.5,0 interpolation='linear'",
+        "kind='sum' histories='s0','s1'",
+        "kind='product' histories='s0','s1'",
+        "kind='product' histories='s0','s0','s1'",
+        "kind='switch' histories='s1','s0' level={}",
+        "kind='switch' histories='s0','s2' level={}",
+        "kind='sequence' histories='s0','s1' durations=0.01,0.02",
+    ]
+    made = ""
+    for k, kinds in enumerate([4, 4, 8, 10]):
+        law = dice.choice(laws[:kinds]).format(dice.choice(["0", f"{dice.uniform(-1, 1):.3f}"]))
+        by = f" argument='{dice.choice(columns)}'" if "switch" in law or dice.random() < 0.4 else ""
+        made += f"&history name='s{k}' {law}{by} /\n"
+    force = f"type='torque' body='{dice.choice(names)}' moment={some(dice, -3, 1)}"
+    for k in range(dice.choice([1, 1, 2])):
+        by = maybe(dice, 0.2, f" argument='{dice.choice(columns)}'")
+        made += f"&force name='fs{k}' {force} history='s{dice.choice([2, 3])}'{by} /\n"
+    return made
+
+
+COLUMNS = {"position": ".x", "velocity": ".y", "angle": "", "angular_velocity": "", "far": "", "u": ".v", "q": ".qd", "s": ".d"}
+COLUMNS["contact"] = ".gap"
+
+
+def cycle(dice: random.Random, text: str) -> str:
+    """Return a deck whose motion may repeat, with its &periodic: histories of one period, damped springs, warm parts."""
+    period = float(some(dice, -2, -1))
+    wave = f"kind='sine' amplitude=1 frequency={1 / period!r}"
+    text = re.sub(r"&history name='(h\d|s[01])'(?![^/]*argument)[^/]*/", rf"&history name='\1' {wave} /", text)
+    hot = f" thermal_resistance={some(dice, -3, 3)}"
+    if dice.random() < 0.3 and "temperature=" in text:
+        text = re.sub(r"(&body [^/]*kind='beam')", rf"\1{hot} temperature=30", text)
+    names = re.findall(r"&body name='(\w+)'", text)
+    for name in names:
+        heat = maybe(dice, 0.3, f" arrhenius=1e5 reference_temperature=20 temperature=25{hot} prony_alpha=1 prony_tau=0.01")
+        damper = f"stiffness={some(dice, 1, 4)} damping={some(dice, -1, 2)}{heat}"
+        text += f"&spring name='z{name}' type='torsional' body_a='{name}' {damper} /\n"
+    how = f"{dice.choice(['period', 'period', 'period_guess'])}={period!r} multipliers={dice.randint(0, 4)}"
+    how += f" tolerance={some(dice, -8, -2)} most_turns={dice.choice([5, 20, 40])}"
+    how += maybe(dice, 0.2, f" moves_on='{names[0]}'" + maybe(dice, 0.5, f" angle_repeats='{names[0]}'"))
+    run = f"method='{dice.choice(['rk4', 'dopri5', 'radau', 'radau', 'radau'])}' step={period / dice.choice([10, 40])!r}"
+    return text + f"&periodic {how} /\n&transient {run}{maybe(dice, 0.5, f' t_end={period / 4!r}')} /\n"
+
+
 def stop(dice: random.Random, bodies: list[tuple[str, int]], name: str) -> str:
     """Return a stop of any kind, near what it limits or far from it, soft or hard."""
-    kind = dice.choice(["rotation", "position", "clearance"])
+    kind = dice.choice(["rotation", "position", "clearance", "profile"])
     low = dice.uniform(-1, 1)
     limits = dice.choice([f"lower={low:.4f}", f"upper={low:.4f}", f"lower={low:.4f} upper={low + 10 ** dice.uniform(-6, 0):.7f}"])
     if kind == "clearance":
         limits = f"gap={some(dice, -9, 0)}"
+    if kind == "profile":
+        limits = f"profile='p0' {follower(dice, 0.1)}"
     law = dice.choice(["", f" damping={some(dice, -3, 2)}", f" restitution={dice.uniform(0.05, 1):.3f}"])
     law = f"stiffness={some(dice, 1, 12)}{law}"
-    without = f"lower upper stiffness damping restitution {PLACES}"
+    without = f"lower upper radius face stiffness damping restitution {PLACES}"
     if dice.random() < (0.4 if all(nodes <= 0 for _, nodes in bodies) else 0.03):  # rigid stops meet rigid bodies
         law = f"restitution={dice.choice(['0', '1', f'{dice.uniform(0, 1):.3f}'])}"
         wide = f"lower=-{some(dice, -2, 1)} upper={some(dice, -2, 1)}"
-        limits = dice.choice([limits, wide]) if kind != "clearance" else limits
+        limits = dice.choice([limits, wide]) if "er=" in limits else limits
         without += " exponent"
     where = sides(dice, bodies, turns=kind == "rotation")
     return group_of(dice, "stop", f"name='{name}' type='{kind}' {where} {limits} {law}", without, 0.4)
@@ -302,6 +448,7 @@ def analyses(dice: random.Random, text: str) -> str:
 def language(dice: random.Random) -> str:
     """Return a scene of any groups and variables: bodies in a tree, now and then loops."""
     text = f"&scene title='fuzz' gravity=0,{dice.choice(['0', '-9.81'])} /\n" + materials(dice)
+    text += lift(dice, 0.1) + profile(dice, "p0", 0.1)
     bodies = []
     for k in range(dice.choice([1, 1, 2, 2, 3])):
         group, _, nodes = body(dice, f"b{k}")
@@ -315,10 +462,11 @@ def language(dice: random.Random) -> str:
             static = maybe(dice, 0.4, f" friction_static={min(10.0, float(mu) * 10 ** dice.uniform(0, 2)):.4g}")
             more += f" friction={mu}{static} pin_radius={some(dice, -6, 0)}" * rubs
             text += maybe(dice, 0.5 * rubs, f"&sensor name='rub{k}' quantity='friction' joint='j{k}' /\n")
-            without = f"{PLACES} friction friction_static" + " length" * (dice.random() < 0.8)
+            more += f" profile='p0' {follower(dice, 0.1)}" * (kind == "profile")
+            without = f"{PLACES} radius face friction friction_static" + " length" * (dice.random() < 0.8)
             without += " preload pad_distance pin_radius" * (not rubs)
             text += group_of(dice, "joint", f"name='j{k}' type='{kind}' {sides(dice, bodies, k)}{more}", without, 0.6)
-    text += maybe(dice, 0.2, f"&joint name='loop' type='{dice.choice(JOINTS)}' {sides(dice, bodies)} /\n")
+    text += maybe(dice, 0.2, f"&joint name='loop' type='{dice.choice(JOINTS[:5])}' {sides(dice, bodies)} /\n")
     text += "".join(f"&sensor name='r{j}' quantity='reaction' joint='{j}' /\n" for j in re.findall(r"&joint name='(\w+)'", text))
     return text + "".join(history(dice, f"h{k}") for k in range(3)) + parts(dice, bodies)
 
@@ -337,14 +485,16 @@ def expressed(dice: random.Random, text: str) -> str:
 def drawn(dice: random.Random) -> str:
     """Return a whole deck that somebody might have written."""
     kind = dice.random()
-    if kind < 0.55:
+    if kind < 0.45:
         text = language(dice)
+    elif kind < 0.6:
+        text = cam(dice)
     elif kind < 0.85:
         text = dice.choice([random_scenes.chain, random_scenes.crank, random_scenes.cantilever])(dice)
         text = "&scene gravity=0,-9.81 /\n" + text + random_scenes.sensors(text)
     else:
         text = dice.choice(list(scenes.ALL.values())).replace(scenes.TRANSIENT, "")
-    text += analyses(dice, text)
+    text = cycle(dice, text) if dice.random() < 0.15 and "&force" in text else text + analyses(dice, text)
     return expressed(dice, text) if dice.random() < 0.25 else text
 
 

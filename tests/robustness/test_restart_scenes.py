@@ -241,6 +241,17 @@ CORNERS = """&body name='arm' mass=1.0 inertia=0.1 angular_velocity=1.0 /
 &body name='ball' mass=1.0 inertia=0.1 velocity=1.0,0.0 /
 &stop name='wall' type='position' body_a='ball' upper=0.1 stiffness=1e3 exponent=1.0 restitution=0.8 /
 &sensor name='wall' quantity='stop' stop='wall' /
+&history name='up' kind='cycloid' start_value=0 end_value=5e-3 start=0 finish=0.3 /
+&history name='down' kind='cycloid' start_value=5e-3 end_value=0 start=0 finish={2*pi-0.3} /
+&history name='lift' kind='sequence' histories='up','down' durations=0.3,{2*pi-0.3} /
+&profile name='cam' kind='law' history='lift' base_radius=0.1 radius=0.02 /
+&body name='rod' mass=0.1 inertia=1e-3 position=1.0,0.12 /
+&joint name='guide' type='prismatic' body_a='rod' point_b=1.0,0.0 direction={90*deg} /
+&joint name='follow' type='profile' body_a='rod' radius=0.02 body_b='disc' profile='cam' /
+&sensor name='follow' quantity='contact' joint='follow' /
+&sensor name='cam' quantity='reaction' joint='follow' /
+&sensor name='shaft' quantity='reaction' joint='d' /
+&sensor name='rod' quantity='acceleration' body='rod' /
 """
 
 
@@ -264,6 +275,10 @@ def test_checkpoints_at_corners_saturations_samples_and_a_stop(method, biela, tm
     limited = rows[:, names.index("c.limited[-]")]
     assert limited[38] == 0.0
     assert limited[44] == 1.0
+    forces = rows[:, names.index("follow.f[N]")]
+    (pair,) = json.loads(whole["summary.json"])["transient"]["pairs"]
+    assert [pair["least_force"], pair["largest_force"]] == pytest.approx([forces.min(), forces.max()], rel=1e-12)
+    assert pair["pulls_at"] == pytest.approx(0.15, abs=5e-3)
 
 
 @pytest.mark.parametrize(

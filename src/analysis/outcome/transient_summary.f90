@@ -46,6 +46,7 @@ contains
     end associate
     call still_lines(run, march, text)
     call stop_lines(run, march, text)
+    call march%pairs%lines(run%sys%m, text)
     call friction_lines(run, text)
     call loss_lines(run, run%y, .false., text)
     call accuracy_lines(run, march, status == status_failed, text)

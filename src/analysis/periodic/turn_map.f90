@@ -136,7 +136,7 @@ contains
       high = max(high, method%y)
       if (r%adaptive .and. method%t > before) call note_step(passed, (method%t - before)/period)
       signal = caught_signal()
-      if (signal > 0) return
+      if (signal > 0) exit
     end do
     turn%lost = outcome /= reached
     turn%at = method%tried

@@ -16,6 +16,7 @@ module transient
   use march_failure, only: explain_loss, explain_balance, explain_shape, explain_drift
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
+  use pair_forces, only: pair_watch
   use posix, only: caught_signal
   use progress, only: progress_line
   use result_columns, only: motion_row
@@ -41,6 +42,7 @@ module transient
     type(balance_watch) :: balance
     type(error_watch) :: check                 !! estimate of the columns' errors, where the deck asks for it
     type(column_range) :: seen                 !! values of all columns
+    type(pair_watch) :: pairs                  !! contact forces of joints on profiles
     type(error_norm) :: norm                   !! largest values so far, to name what grows
     integer(ip) :: outputs = 0                 !! output intervals of the run
     integer(ip) :: done = 0                    !! of them done
@@ -92,6 +94,7 @@ contains
     type(run_state), intent(inout) :: run
     type(transient_march), intent(inout) :: march
     type(failure), intent(inout) :: fail
+    integer :: k
     associate (r => run%d%transient, s => run%sys%m%s)
       run%sys%has_manifold = r%stabilization == 'projection' .and. s%rows > 0
       if (r%stabilization == 'baumgarte') run%sys%options%baumgarte = [r%baumgarte_alpha, r%baumgarte_beta]
@@ -107,6 +110,7 @@ contains
       call march%balance%begin(run%sys%m, r%t_end)
       call run%watch%begin(run%sys%m)
       call march%seen%begin(run%list%columns)
+      call march%pairs%begin(pack([(k, k=1, size(run%d%joints))], run%d%joints%profile > 0))
       call refuse_uneven(run, 'transient', status_failed, fail)
       if (fail%happened()) return
       run%sys%output_step = r%output_step
@@ -247,6 +251,7 @@ contains
       if (fail%happened()) return
       call march%balance%count(march%method%steps)
       call march%seen%note(files%values)
+      call march%pairs%note(run%sys%m, run%sys%ev, t)
       if (allocated(march%rows%values)) then
         call compare_pass(run, march, t, k)
       else
@@ -374,6 +379,7 @@ contains
     call self%files%exchange(a)
     call self%balance%exchange(a)
     call self%seen%exchange(a)
+    call self%pairs%exchange(a)
     call self%check%exchange(a)
     call a%exchange(run%watch%figures)
     associate (x => run%monitor)
