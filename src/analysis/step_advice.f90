@@ -11,6 +11,7 @@ module step_advice
   use spectrum, only: fast_spectrum
   use spring_directions, only: turning_stiffness
   use tableaux, only: method_names
+  use text, only: either
   use step_bounds, only: step_bound, find_bound, take_smaller
   use step_monitor, only: method_number
   use summary_text, only: summary_record
@@ -160,7 +161,10 @@ contains
     words = ''
     if (cause%body == 0) return
     words = 'fewer elements, modes=, axial=.false. or flexible=.false.'
-    if (size(m%s%bodies(cause%body)%dof, 1) > 3) words = 'fewer elements, modes= or flexible=.false.'    ! cores need axial motion
+    associate (body => m%s%bodies(cause%body))
+      if (allocated(body%layers)) words = 'fewer elements, modes='//either('', ', axial=.false.', &
+                                          any(body%layers%sections%stretched()))//' or flexible=.false.'
+    end associate
     if (cause%rayleigh) words = 'less Rayleigh damping'
     if (cause%segment > 0) words = 'viscoelastic=.false., slower terms'
     words = words//' on body "'//trim(m%s%bodies(cause%body)%name)//'", or radau'

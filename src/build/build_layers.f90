@@ -6,14 +6,13 @@ module build_layers
   use errors, only: fault_list
   use deck_records, only: deck, body_record, material_record, section_record
   use layered_element, only: make_layered_element
-  use layered_section, only: layered_section_model, section_layer, set_up_section, shear_coefficient
+  use layered_section, only: beside, layered_section_model, section_layer, set_up_section, shear_coefficient
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
   public :: add_layers, elastic_modulus
 
   integer, parameter :: latest = 8                 !! kinds of element that an element is compared with
-  real(wp), parameter :: beside = 1.0e-9_wp        !! of a height, or of an angle: rounding [-]
   real(wp), parameter :: same_length = 1.0e-12_wp  !! nodes are rounded: lengths that differ by less are one [-]
 
 contains
@@ -118,7 +117,7 @@ contains
             return
           end if
           if (r%axial .or. .not. r%flexible) cycle
-          if (s%cores == 0 .and. abs(s%axis) <= beside*(high - low)) cycle
+          if (.not. s%stretched()) cycle
           call r%at%blame(faults, 'axial=.false. with cores, or with an axis beside the node line: bending then stretches the '// &
                       'layers; expected axial=.true.')
           return

@@ -20,8 +20,8 @@ contains
     end do
     do b = 1, size(m%s%bodies)
       force = max(force, m%s%bodies(b)%mass*norm2(ev%options%gravity), norm2(ev%frame%rhs(1:2, b)))
-      associate (body => m%s%bodies(b), w => ev%elastic(b))
-        if (body%flexible) force = max(force, body%basis%largest_force(body, w%d, w%q(1:)))
+      associate (body => m%s%bodies(b))
+        if (body%flexible) force = max(force, body%basis%largest_force(body, ev%elastic(b)))
       end associate
     end do
     if (m%s%rows > 0) force = max(force, maxval(abs(ev%lambda)))

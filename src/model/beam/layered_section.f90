@@ -8,6 +8,7 @@ module layered_section
   public :: set_up_section, shear_coefficient
 
   integer, parameter, public :: most_cores = 4   !! of a section: arrays of an element have this room
+  real(wp), parameter, public :: beside = 1.0e-9_wp   !! of a height: rounding [-]
 
   !> One layer.
   type, public :: section_layer
@@ -38,6 +39,8 @@ module layered_section
     real(wp), allocatable :: axis_arm(:)     !! (cores) sum EA a/sum EA [m]
     real(wp) :: stretching = 0.0_wp          !! sum EA [N]
     real(wp) :: bending = 0.0_wp             !! EI about the axis, layers bonded [N m2]
+  contains
+    procedure :: stretched
   end type layered_section_model
 
 contains
@@ -70,6 +73,12 @@ contains
       s%bending = sum(s%layers%young*s%layers%second + ea*(z - s%axis)**2)
     end associate
   end subroutine set_up_section
+
+  !> Whether bending stretches the node line or slides layers: the axial deformation cannot be left out.
+  elemental logical function stretched(s)
+    class(layered_section_model), intent(in) :: s
+    stretched = s%cores > 0 .or. abs(s%axis) > beside*sum(s%layers%thickness)
+  end function stretched
 
   !> Cowper's shear coefficient (J. Appl. Mech. 33, 1966) of a shape; of another word than these a rectangle's.
   pure real(wp) function shear_coefficient(shape, poisson, hollow) result(factor)   ! [-]

@@ -144,13 +144,12 @@ module body
       real(wp) :: parts(3)                            !! [J]
     end function to_parts
 
-    !> Largest elastic force: axial forces and end moments over length, or modal forces.
-    pure real(wp) function to_largest(self, b, d, q) result(force)   ! [N]
-      import :: elastic_basis, body_model, wp
+    !> Largest elastic force: axial and shear forces, or modal forces.
+    pure real(wp) function to_largest(self, b, w) result(force)   ! [N]
+      import :: elastic_basis, elastic_work, body_model, wp
       class(elastic_basis), intent(in) :: self
       type(body_model), intent(in) :: b
-      real(wp), intent(in), contiguous :: d(:, :)     !! [m, rad]
-      real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
+      type(elastic_work), intent(in) :: w             !! of the last evaluation
     end function to_largest
 
     !> Rows of an element's deformations with the terms' differences (`element_law`).

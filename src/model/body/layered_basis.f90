@@ -16,7 +16,6 @@ module layered_basis
     procedure :: deform
     procedure :: add_stress
     procedure :: strain_parts
-    procedure :: largest_force
     procedure :: element_strain
     procedure :: same
   end type layered_model
@@ -169,23 +168,6 @@ contains
       end associate
     end do
   end function strain_parts
-
-  !> Axial forces and end moments over length.
-  pure real(wp) function largest_force(self, b, d, q) result(force)   ! [N]
-    class(layered_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: d(:, :)     !! (1, rows of all elements) [m, rad]
-    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
-    real(wp) :: h(most_coordinates)
-    integer :: e
-    force = 0.0_wp
-    do e = 1, b%ne
-      associate (kind => b%layers%kinds(b%layers%kind(e)))
-        call element_forces(kind%deformations, size(kind%stiffness), kind%force, b%layers%row(1, e), d, h)
-        force = max(force, abs(h(1)), abs(h(2) + h(3))/kind%length)
-      end associate
-    end do
-  end function largest_force
 
   !> Rows of an element, as the last evaluation left them.
   pure function element_strain(self, b, e, w) result(d)

@@ -67,12 +67,11 @@ contains
   end function strain_parts
 
   !> The largest elastic force: modal forces times the square root of the mass.
-  pure real(wp) function largest_force(self, b, d, q) result(force)   ! [N]
+  pure real(wp) function largest_force(self, b, w) result(force)   ! [N]
     class(modal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: d(:, :)     !! (nf, segments) [kg^.5 m]
-    real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
-    force = maxval(abs(self%omega2*q))*sqrt(b%mass)
+    type(elastic_work), intent(in) :: w
+    force = maxval(abs(self%omega2*w%q(1:)))*sqrt(b%mass)
   end function largest_force
 
   !> The rows of an element, each from the amplitudes that its material sees.

@@ -4,7 +4,7 @@ module nodal_basis
   use banded, only: band_factor, band_solve, band_solve_two, same_factor
   use beam_element, only: beam_geometry, bending
   use body, only: body_model, elastic_basis, elastic_work
-  use element_law, only: add_geometric, axial_force, parts_of, segment_of, stiffness_part
+  use element_law, only: add_geometric, axial_force, forces_of, parts_of, segment_of, stiffness_part
   use layered_element, only: most_coordinates
   use marker, only: marker_model
   use segment_model, only: strain_product
@@ -184,18 +184,17 @@ contains
     end do
   end function energies
 
-  !> Axial forces and end moments over length.
-  pure real(wp) function largest_force(self, b, d, q) result(force)   ! [N]
+  !> Axial and shear forces.
+  pure real(wp) function largest_force(self, b, w) result(force)   ! [N]
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: d(:, :)     !! (nd, ne) [m, rad, rad]
-    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
-    real(wp) :: s(4)
+    type(elastic_work), intent(in) :: w
+    complex(wp) :: f(3)                             ! [N], [N m]
     integer :: e
     force = 0.0_wp
     do e = 1, b%ne
-      s = element_stress(b%elements(e), b%nd, b%stiffening, d(:, e), d(:, e), 0.0_wp)
-      force = max(force, abs(s(1)), abs(s(2)))
+      f = forces_of(b, e, cmplx(self%element_strain(b, e, w), kind=wp))
+      force = max(force, abs(f(1)), abs(f(2) + f(3))/b%elements(e)%length)
     end do
   end function largest_force
 
