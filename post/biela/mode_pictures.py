@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +30,7 @@ DECADES = 7  # of the axes of a picture of poles
 MARK = 14.0  # poles nearer than this lie over each other [pixel]
 MOST_NUMBERS = 60  # poles that are numbered
 POSITIONS = "# positions:"
+SLIP = re.compile(r"(?P<body>.+)\.(?P<node>\d+)\.slip(?P<core>\d+)\.re")  # shear angle of a core at a node
 INPUT = "# input:"
 KINDS = {
     UNDAMPED: ("undamped", "o", "none"),
@@ -54,7 +56,7 @@ def positions(path: Path) -> np.ndarray:
 
 def shapes(table: History) -> tuple[list[str], np.ndarray]:
     """Return the names of the shapes' columns without .re, and the complex shapes, shape (rows, columns); HistoryError."""
-    names = [name[: -len(".re")] for name in table.names if name.endswith(".re")]
+    names = [name[: -len(".re")] for name in table.names if name.endswith(".re") and not SLIP.fullmatch(name)]
     if not names:
         raise HistoryError(f"{table.path}: has no columns of shapes")
     return names, np.column_stack([table[f"{name}.re"] + 1j * table[f"{name}.im"] for name in names])
@@ -206,6 +208,31 @@ def draw_shares(table: History, title: str = "") -> plt.Figure | None:
     return figure
 
 
+def draw_slip(table: History, rows: list[int], title: str = "") -> plt.Figure | None:
+    """Return a figure of how the cores of beams shear along them in the modes of the given rows; None where there are no cores."""
+    cores: dict[tuple[str, str], list[str]] = {}
+    for found in filter(None, map(SLIP.fullmatch, table.names)):
+        cores.setdefault(found.group("body", "core"), []).append(found.string[: -len(".re")])
+    if not cores:
+        return None
+    rest = dict(zip(shapes(table)[0], positions(table.path)))
+    with plt.rc_context(LOOK):
+        figure, axes = plt.subplots(len(cores), 1, figsize=(7.2, 1.0 + 2.4 * len(cores)), squeeze=False, layout="constrained")
+        for axis, ((body, core), names) in zip(axes[:, 0], cores.items()):
+            nodes = np.array([[rest[f"{body}.{k}.{x}"] for x in "xy"] for k in range(1, len(names) + 1)])
+            along = np.cumsum([0.0, *np.hypot(*np.diff(nodes, axis=0).T)])
+            for k, row in enumerate(rows):
+                angle = np.array([table[f"{name}.re"][row] + 1j * table[f"{name}.im"][row] for name in names])
+                largest = angle[np.argmax(np.abs(angle))] or 1.0
+                look = dict(color=COLOURS[k % len(COLOURS)], ls=STYLES[k % len(STYLES)], marker=".")
+                axis.plot(along, (angle / largest).real, label=caption(table, row), **look)
+            axis.axhline(0.0, color="#bbbbbb", lw=0.8, zorder=1)
+            axis.set(ylabel=f"shear of core {core} of {body}\nover its largest", xlabel="place along the nodes [m]")
+        handles, labels_ = axes[0, 0].get_legend_handles_labels()
+        figure.legend(handles, labels_, loc="outside upper center", ncols=3, fontsize=8, title=title or None)
+    return figure
+
+
 def sensors(table: History, patterns: list[str] | None) -> list[str]:
     """Return the sensor columns of a frequency response that patterns select; without patterns all that are more than rounding."""
     names = table.match([f"{p}.amplitude" for p in patterns or ["*"]])
@@ -280,6 +307,10 @@ class Modes:
         """Draw what viscoelastic layers have of each vibration's loss and energy; None: no body has such layers."""
         return draw_shares(self.table, title)
 
+    def slip(self, modes: list[int] | None = None, title: str = "") -> plt.Figure | None:
+        """Draw how cores shear along their beams in modes by their numbers (the first six); None: no body has cores."""
+        return draw_slip(self.table, chosen_rows(self.table, modes), title)
+
     def _repr_html_(self) -> str:
         return self.to_dataframe().to_html(max_rows=20)
 
@@ -298,7 +329,8 @@ def draw_all(args: argparse.Namespace) -> int:
         paths.append(save(found.picture(args.modes, args.title), stem, "_modes"))
         paths.append(save(found.poles(args.title), stem, "_poles"))
         shares = draw_shares(found.table, args.title)
-        paths += [save(shares, stem, "_shares")] if shares else []
+        slip = draw_slip(found.table, chosen_rows(found.table, args.modes), args.title)
+        paths += [save(figure, stem, name) for figure, name in ((shares, "_shares"), (slip, "_slip")) if figure]
     if "frequency_response" in there:
         table = read(args.run, "frequency_response")
         figure = draw_response(table, sensors(table, args.columns), args.title)

@@ -163,6 +163,7 @@ def modes(p: Parser) -> None:
 
     STEM_modes: the shapes over the mechanism at the place about which they were computed, with joints, links and springs.
     STEM_shares: of beams of layers, the parts of the loss and the energy that viscoelastic layers have in each vibration.
+    STEM_slip: how their cores shear along the beam.
     STEM_poles: the poles in the complex plane, undamped and damped. STEM_response: amplitude and phase of every sensor.
 
     Example: post/modes.py results/modal_four_bar

@@ -336,6 +336,8 @@ def modal(run: Run) -> Part | None:
     pictures = [embed(shapes, f"{run.label}: shapes"), embed(mode_pictures.draw_poles(table), f"{run.label}: poles")]
     shares = mode_pictures.draw_shares(table)
     pictures += [embed(shares, f"{run.label}: which layers store and lose")] if shares else []
+    slip = mode_pictures.draw_slip(table, mode_pictures.chosen_rows(table, None))
+    pictures += [embed(slip, f"{run.label}: shear of cores")] if slip else []
     words = [line for line in (found["complete"], found["complete_damped"]) if line]
     return Part(paragraphs=words, head=head, rows=rows, pictures=pictures)
 

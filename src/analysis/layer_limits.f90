@@ -8,7 +8,7 @@ module layer_limits
   use text, only: either, es_text, fixed_text
   implicit none (type, external)
   private
-  public :: body_sentence, limits_of_layers, thick_layers, stiff_core
+  public :: body_sentence, limits_of_layers, modulus_ratio, thick_layers, stiff_core
 
   real(wp), parameter :: thick = 0.05_wp             !! bonded layers over half a wave: a frequency errs by 0.3 %, a loss by 1 % [-]
   real(wp), parameter :: gives_way = 0.1_wp          !! of a core's resonance across: a loss factor errs by about 1 % [-]

@@ -2,6 +2,7 @@
 module run_deck
   use kinds, only: wp, ip
   use checkpoint, only: read_checkpoint, remove_checkpoint
+  use core_advice, only: core_lines
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use left_out_flexibility, only: flexibility_lines
@@ -102,6 +103,7 @@ contains
     if (run%model_found) call text%append(run%model_words)
     if (options%check) call mobility_lines(run%d, text)
     if (options%check) call flexibility_lines(run, text)
+    if (options%check) call core_lines(run%sys%m, text)
     if (options%json .or. .not. options%check) call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)   ! in JSON alone
     call advise(run, advice)
     call text%append(advice%text)

@@ -5,10 +5,12 @@ module mode_file
   use kinds, only: wp, pi
   use mode_list, only: mode_set, undamped_mode
   use evaluation_results, only: evaluation
+  use body, only: body_model
+  use layer_sensors, only: slip_sensor_model
   use layer_shares, only: share_names, shares
   use mechanism, only: mechanism_model
   use sensor, only: vector_to_global
-  use text, only: either, joined
+  use text, only: either, joined, to_text
   use text_file, only: result_file
   implicit none (type, external)
   private
@@ -40,6 +42,7 @@ contains
     call file%line('# poles real + i imag, one of each conjugate pair; damping_ratio -real/|pole|, loss_factor twice that')
     call file%line('# shapes: displacements in global axes, the largest one (angles times the scene''s size) is 1')
     call file%line('# positions: '//positions())
+    if (index(shape_names(), '.slip1.re') > 0) call file%line('# slip: shear angles of cores at nodes, of the same shape')
     if (size(share_names(m)) > 0) call file%line('# layers: share of a viscoelastic layer in what all bodies store and lose by '// &
                                                  'their deformation, with the moduli at the pole')
     call file%line('# columns: '//figures//' '//shape_names()//either(' ', '', size(share_names(m)) > 0)// &
@@ -69,11 +72,14 @@ contains
       type(result_column), allocatable :: motion(:), columns(:)
       integer :: k
       motion = motion_columns(m)
+      do k = 1, size(m%s%bodies)
+        motion = [motion, slip_columns(m%s%bodies(k))]
+      end do
       columns = [([motion(k)%part('.re'), motion(k)%part('.im')], k=1, size(motion))]
       text = joined(columns%label(), ' ')
     end function shape_names
 
-    !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1.
+    !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1; then angles of cores at nodes.
     pure function displacements(x) result(d)
       complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
       complex(wp), allocatable :: d(:)
@@ -86,6 +92,13 @@ contains
       im = aimag(x)
       allocate (d(sum(3 + 2*m%s%bodies%nn)))
       allocate (weight(size(d)), source=1.0_wp)
+      do b = 1, size(m%s%bodies)
+        i = m%s%qo(b) + 3
+        associate (body => m%s%bodies(b))
+          if (.not. body%flexible) cycle
+          if (size(body%dof, 1) > 3) d = [d, cmplx(slips(body, re(i + 1:i + body%nf)), slips(body, im(i + 1:i + body%nf)), wp)]
+        end associate
+      end do
       j = 0
       do b = 1, size(m%s%bodies)
         i = m%s%qo(b)
@@ -104,10 +117,34 @@ contains
           end do
         end associate
       end do
-      k = maxloc(weight*abs(d), 1)
+      k = maxloc(weight*abs(d(:j)), 1)
       if (abs(d(k)) > 0.0_wp) d = d/(weight(k)*d(k))
     end function displacements
   end subroutine write_modes
+
+  !> Names of the angles of a body's cores at its nodes.
+  function slip_columns(b) result(columns)
+    type(body_model), intent(in) :: b
+    type(result_column), allocatable :: columns(:)
+    integer :: k, j
+    allocate (columns(0))
+    if (.not. b%flexible) return
+    columns = [((result_column(trim(b%name)//'.'//to_text(k)//'.slip'//to_text(j), 'rad'), j=1, size(b%dof, 1) - 3), k=1, b%nn)]
+  end function slip_columns
+
+  !> These angles.
+  pure function slips(b, q) result(g)
+    type(body_model), intent(in) :: b
+    real(wp), intent(in) :: q(:)              !! (nf) elastic coordinates [m, rad]
+    real(wp) :: g((size(b%dof, 1) - 3)*b%nn)  !! [rad]
+    type(slip_sensor_model) :: slip
+    integer :: k, n
+    n = size(b%dof, 1) - 3
+    do k = 1, merge(b%nn, 0, n > 0)
+      call slip%find(b, k)
+      g(n*(k - 1) + 1:n*k) = slip%angles(b, q)
+    end do
+  end function slips
 
   !> Columns 2 to 10 of a row.
   pure function mode_figures(modes, k) result(x)

@@ -51,7 +51,25 @@ def test_shares_of_layers_are_bars_that_add_up(run_deck, run):
     assert np.all(np.reshape(bars[1], (2, 2)).sum(axis=0) < 0.5)
     assert min(bars[0]) > 1e-3
     assert modes_command.main([str(layered.folder)]) == 0
-    assert ink(layered.folder / "modal_shares.png") > 0.005
+    assert all(ink(layered.folder / f"modal_{name}.png") > 0.005 for name in ("shares", "slip"))
+
+
+def test_shear_of_cores_is_drawn_along_the_beam(run_deck, run):
+    """A full cover, simply supported: the core of mode n shears as cos n pi x/L, most at the ends."""
+    assert modes.draw_slip(read(run.folder, "modes"), [0]) is None
+    deck = (
+        "&material name='m' density=7850.0 young=2.1e11 /\n"
+        f"&material name='tape' density=1000.0 shear_modulus=4e5 {GHM} /\n"
+        "&section name='s' layers='m','tape','m' thickness=2e-3,0.25e-3,0.5e-3 width=0.02 /\n"
+        "&body name='b' kind='beam' length=0.25 elements=8 section='s' /\n&joint name='a' type='revolute' body_a='b' node_a=1 /\n"
+        "&joint name='c' type='slider' body_a='b' node_a=-1 /\n&modal modes=2 /\n"
+    )
+    table = read(run_deck(deck, name="covered").folder, "modes")
+    figure = modes.draw_slip(table, modes.chosen_rows(table, None))
+    for n, line in enumerate(figure.axes[0].lines[:2], 1):
+        x, shear = line.get_data()
+        np.testing.assert_allclose(x, np.linspace(0.0, 0.25, 9), atol=1e-12)
+        np.testing.assert_allclose(shear * shear[0], np.cos(4 * n * np.pi * x), atol=3e-3)
 
 
 def test_a_shape_is_drawn_where_the_file_puts_it(run):

@@ -11,7 +11,7 @@ module validity
   use text, only: either
   implicit none (type, external)
   private
-  public :: validity_watch, bend_to_limit, thick_beams
+  public :: validity_watch, bend_to_limit, lowest_frequency, thick_beams
 
   real(wp), parameter :: large_deflection = 0.1_wp   !! of the body's length [-]
   real(wp), parameter :: large_rotation = 0.2_wp     !! of a section [rad]
