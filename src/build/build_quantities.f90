@@ -66,16 +66,22 @@ contains
     type(scene), intent(inout) :: s              !! its constraints and force elements are made
     integer :: k, n
     n = count(d%bodies%thermal_resistance > 0.0_wp)
-    allocate (s%integrated(n + count(d%sensors%quantity == 'work' .or. d%sensors%quantity == 'energy')))
+    allocate (s%integrated(n + count(integrates(d%sensors))))
     s%integrated(size(s%integrated) - n + 1:)%body = pack([(k, k=1, size(d%bodies))], d%bodies%thermal_resistance > 0.0_wp)
     n = 0
     do k = 1, size(d%sensors)
-      if (.not. any(d%sensors(k)%quantity == [character(6) :: 'work', 'energy'])) cycle
+      if (.not. integrates(d%sensors(k))) cycle
       n = n + 1
       s%integrated(n) = source_of(s, d%sensors(k))
       s%integrated(n)%sensor = k
     end do
   end subroutine list_integrated
+
+  !> Whether a sensor's power is integrated for it; what layers lose is among the losses of the scene.
+  elemental logical function integrates(r)
+    type(sensor_record), intent(in) :: r
+    integrates = r%quantity == 'work' .or. (r%quantity == 'energy' .and. r%layer == 0)
+  end function integrates
 
   !> The drive, force, spring, joint or body that a sensor names.
   pure type(power_source) function source_of(s, r) result(source)

@@ -4,6 +4,8 @@ The matrices themselves are held by the independent model (`test_accelerations.p
 converge to, and how fast.
 """
 
+import json
+
 import numpy as np
 import pytest
 from biela.histories import read
@@ -65,9 +67,7 @@ def test_a_beam_that_shears_converges_to_timoshenko(poles, height, published):
 
 def cantilever(omega, length, ei, mass, turning, shear):
     """Return what is zero at the frequencies of a Timoshenko cantilever: v' = r + Q/S, r' = M/EI, both loads zero at the tip."""
-    field = np.array(
-        [[0, 1, 0, 1 / shear], [0, 0, 1 / ei, 0], [0, -turning * omega**2, 0, -1], [-mass * omega**2, 0, 0, 0]]
-    )
+    field = np.array([[0, 1, 0, 1 / shear], [0, 0, 1 / ei, 0], [0, -turning * omega**2, 0, -1], [-mass * omega**2, 0, 0, 0]])
     return np.linalg.det(expm(field * length)[2:, 2:])
 
 
@@ -195,6 +195,38 @@ def test_a_constrained_layer_converges_to_mead_and_markus_with_order_four(poles)
     assert np.all(order > 3.7), order
 
 
+def test_the_check_tells_the_core_that_damps_most(poles, run_deck):
+    """Re g/k2 = 1/sqrt((1 + Y)(1 + eta^2)) of Mead & Markus' beam: told loss factors are those of poles, the one at most is."""
+    deck = STEEL + (
+        "&material name='tape' density=10.0 shear_modulus={0} poisson=0.49 ghm_alpha=1.5 ghm_zeta=1.0 ghm_omega=1500.0 /\n"
+        "&section name='s' layers='steel','steel','tape','steel' thickness=1e-3,1e-3,0.25e-3,0.5e-3 width=0.02 cores=3 /\n"
+        "&body name='b' kind='beam' length=0.8 elements=8 section='s' /\n&joint name='a' type='revolute' body_a='b' node_a=1 /\n"
+        "&joint name='c' type='slider' body_a='b' node_a=-1 /\n"
+    )
+
+    def told(modulus):
+        return json.loads(run_deck(deck.format(modulus), "--check", "--json").stdout)["cores"][0]
+
+    def loss(modulus):
+        square = -(poles(deck.format(modulus), 1)[0] ** 2)
+        return square.imag / square.real
+
+    first = told(2e5)
+    assert (first["body"], first["layer"]) == ("b", 3)
+    assert first["loss_factor"] == pytest.approx(loss(2e5), rel=0.02)
+    best = 2e5 * first["best_g_over_k2"] / first["g_over_k2"]
+    for _ in range(3):  # the frequency rises with the modulus, and the core's own loss with it
+        found = told(best)
+        best *= found["best_g_over_k2"] / found["g_over_k2"]
+    assert found["loss_factor"] == pytest.approx(found["most_by_stiffness"], rel=1e-3)
+    y = 2.1e11 / (2.1e11 * (2.0**3 + 0.5**3) / 12) * 1.5**2 * 1.0 / 2.5
+    k = np.pi / 0.8
+    stiff, eta = first["g_over_k2"] * k**2, np.sqrt(1 / (1 + y)) / first["best_g_over_k2"]
+    modulus = 2e5 * ratio(2j * np.pi * first["frequency"])
+    assert stiff == pytest.approx(modulus.real / 0.25e-3 * (1 / 2e-3 + 1 / 0.5e-3) / 2.1e11, rel=0.02)
+    assert np.sqrt(eta**2 - 1) == pytest.approx(modulus.imag / modulus.real, rel=1e-4)
+
+
 INCH, POUND, PSI = 0.0254, 0.45359237, 6894.757
 
 
@@ -274,10 +306,49 @@ CLAMPED = "&body name='b' kind='beam' length=0.25 elements=8 section='s' referen
 
 
 def test_a_few_modes_keep_the_damping_of_a_core(poles):
-    """The shapes K^-1 K_r phi beside the modes; the modes alone err in damping by 15, 56 and 43 %."""
+    """The shapes K^-1 K_r phi beside the modes; the modes alone err in damping by 15, 56 and 43 %.
+
+    The base, here the core, says only where the node line is: what the layers can do is the same.
+    """
     exact, found = poles(ARM + CLAMPED.format(""), 3), poles(ARM + CLAMPED.format("modes=3"), 3)
+    for base in (2, 4):
+        np.testing.assert_allclose(poles(ARM.replace("cores=2", f"cores=2 base={base}") + CLAMPED.format(""), 3), exact, rtol=1e-8)
     np.testing.assert_allclose(found.real, exact.real, rtol=1e-3)
     np.testing.assert_allclose(found.imag, exact.imag, rtol=2e-5)
+
+
+@pytest.mark.parametrize("base", [1, 2])
+def test_each_layer_stores_what_its_strains_say(run_deck, base):
+    """One element of three layers, clamped: its field from the coordinates p, u, v, r, g; the core's shear by two points."""
+    h, young, width, length = np.array([2e-3, 0.5e-3, 1e-3]), np.array([2.1e11, 1e6 * 2.98, 7e10]), 0.02, 0.3
+    names = ("p", "u", "v", "r", "g")
+    deck = STEEL + (
+        "&material name='tape' density=1e3 shear_modulus=1e6 poisson=0.49 /\n&material name='alu' density=2.7e3 young=7e10 /\n"
+        f"&section name='s' layers='steel','tape','alu' thickness=2e-3,0.5e-3,1e-3 width={width} base={base} /\n"
+        f"&body name='b' kind='beam' length={length} elements=1 section='s' reference='clamped' slip_held=1 /\n"
+        "&joint name='wall' type='weld' body_a='b' node_a=1 /\n&force name='f' type='force' body='b' node=2 fx=300 fy=-4 /\n"
+        + "".join(f"&sensor name='{x}' quantity='coordinate' body='b' index={k} /\n" for k, x in enumerate(names, 1))
+        + "".join(f"&sensor name='layer{k}' quantity='energy' body='b' layer={k} /\n" for k in (1, 2, 3))
+        + "&static /\n"
+    )
+    last = {name: column[-1] for name, column in read_static(run_deck(deck)).items()}
+    p, u, v, r, g = (last[f"{x}.q"] for x in names)
+    x, weight = np.polynomial.legendre.leggauss(6)
+    x, weight = (x + 1) / 2, weight * length / 2
+    one, side = np.ones(6), length * 6 * (1 - 2 * x) / length**2
+    turn = np.array([v * 6 * x * (1 - x) / length + r * x * (3 * x - 2), side * v / length + r * (6 * x - 2) / length])
+    core = np.array([g * x + 4 * p * x * (1 - x), (g + 4 * p * (1 - 2 * x)) / length])
+    turns = [turn[1], turn[1] - core[1], turn[1]]  # change of the layers' turns
+    steps = [0.5 * (h[k] * turns[k] + h[k + 1] * turns[k + 1]) for k in (0, 1)]  # of strain from middle to middle
+    strain = np.array([0 * x, -steps[0], -steps[0] - steps[1]])
+    strain -= (young * h) @ (strain - np.average(strain, axis=1, weights=weight)[:, None]) / (young @ h)  # the force is constant
+    strain += u / length * one - np.average(strain[base - 1], weights=weight)
+    for k in range(3):
+        energy = young[k] * width / 2 * weight @ (h[k] * strain[k] ** 2 + h[k] ** 3 / 12 * turns[k] ** 2)
+        if k == 1:
+            at = 0.5 + np.array([-1, 1]) / np.sqrt(12)
+            energy += 1e6 * width * h[1] * length / 4 * np.sum((g * at + 4 * p * at * (1 - at)) ** 2)
+        assert last[f"layer{k + 1}.strain"] == pytest.approx(energy, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -313,12 +384,15 @@ def test_static_shapes_of_a_body_with_cores_hold_loads_on_any_node(run_deck):
         + CLAMPED
         + "&force name='f' type='force' body='b' node=5 fy=1.0 /\n&force name='g' type='force' body='b' node=-1 fx=1.0 /\n"
         "&sensor name='middle' quantity='deflection' body='b' node=5 /\n"
-        "&sensor name='tip' quantity='deflection' body='b' node=-1 /\n"
-        "&static /\n"
+        "&sensor name='tip' quantity='deflection' body='b' node=-1 /\n&sensor name='b' quantity='energy' body='b' /\n"
+        + "".join(f"&sensor name='layer{k}' quantity='energy' body='b' layer={k} /\n" for k in (1, 2, 3, 4))
+        + "&static /\n"
     )
     nodal, modal = (read_static(run_deck(deck.format(words))) for words in ("", "modes=1 static_shapes=.true."))
-    for column in ("middle.u", "middle.v", "middle.r", "tip.u", "tip.v", "tip.r"):
-        assert modal[column][-1] == pytest.approx(nodal[column][-1], rel=1e-9)
+    for column in nodal:
+        if column.startswith(("middle", "tip", "layer")):
+            assert modal[column][-1] == pytest.approx(nodal[column][-1], rel=1e-9)
+    assert sum(modal[f"layer{k}.strain"][-1] for k in (1, 2, 3, 4)) == pytest.approx(modal["b.strain"][-1], rel=1e-11)
 
 
 def test_the_error_of_a_mesh_holds_the_slip_at_the_same_place(run_deck):
@@ -346,8 +420,16 @@ def test_what_each_layer_loses(modes, run_deck):
         + "&force name='f' type='force' body='b' node=-1 fy=5.0 /\n"
         "&transient t_end=2e-3 method='radau' tolerance=1e-4 output_step=1e-3 /\n"
     )
-    run = run_deck(deck)
+    layers = (1, 2, 3, 4, 5) if not modes else (2, 3, 4)
+    sensors = [f"&sensor name='l{k}' quantity='energy' body='b' layer={k} /\n" for k in layers]
+    run = run_deck(deck + "&sensor name='b' quantity='energy' body='b' /\n" + "".join(sensors))
     losses = run.transient["losses"]
+    for k in layers:
+        lost = sum(one["lost"] for one in losses if one.get("layer") == k)
+        assert run.history[f"l{k}.dissipated"][-1] == pytest.approx(lost, rel=1e-12, abs=0.0)
+    for column in ("strain", "dissipated") if not modes else ():
+        total = sum(np.asarray(run.history[f"l{k}.{column}"]) for k in layers)
+        np.testing.assert_allclose(total, run.history[f"b.{column}"], rtol=1e-12)
     places = [(one.get("layer"), one["material"]) for one in losses]
     assert places == ([(1, "pad"), (3, "tape"), (5, "pad")] if not modes else [(None, "pad"), (3, "tape")])
     assert all(one["lost"] > 1e-7 for one in losses)
@@ -382,17 +464,21 @@ def test_a_core_that_shears_far_is_named(run_deck):
     assert "shears a core by" in run_deck(deck.format(10.0)).summary
 
 
-def test_three_layers_may_be_bonded(poles):
-    """cores=0: the same pole as with one very stiff core."""
+def test_three_layers_may_be_bonded(poles, run_deck):
+    """cores=0: the same pole as with one very stiff core, whose slip is named where it is the fastest motion."""
     deck = ARM.replace("'steel','tape','steel','pad'", "'steel','alu','steel'").replace(
         "2e-3,0.25e-3,0.5e-3,1e-3", "2e-3,1e-5,1e-3"
     )
     deck = "&material name='alu' density=2700.0 young=1e12 poisson=0.0 /\n" + deck
-    bonded, stiff = (
-        poles(deck.replace("cores=2", f"cores={n}") + CLAMPED.format("").replace("slip_held=1", held), 2)
-        for n, held in ((0, ""), (2, "slip_held=1,-1"))
-    )
-    np.testing.assert_allclose(bonded, stiff, rtol=1e-6)
+    found = {}
+    for cores, held, words in (
+        ("0", "", "larger steps by: fewer elements, modes= or flexible"),
+        ("2", "slip_held=1,-1", "limited by slip of the layers of body"),
+    ):
+        text = deck.replace("cores=2", f"cores={cores}") + CLAMPED.format("").replace("slip_held=1", held)
+        found[cores] = poles(text, 2)
+        assert words in run_deck(text + "&modal modes=1 /\n").summary
+    np.testing.assert_allclose(found["0"], found["2"], rtol=1e-6)
 
 
 def test_bodies_of_equal_layers_move_as_each_would_alone(run_deck):

@@ -1,7 +1,7 @@
 !> Reader of &sensor.
 module deck_sensors
   use kinds, only: wp
-  use text, only: listed, lower, to_text
+  use text, only: either, listed, lower, quoted, to_text
   use deck_input, only: deck_source
   use deck_geometry, only: removed_coordinates
   use deck_marker, only: check_marker, forbid_ground, body_text
@@ -84,20 +84,22 @@ contains
 
     !> Elastic quantities are those of beams and frames; the element must exist.
     subroutine check_elastic()
-      if (.not. (deck%is_choice(elastic) .and. deck%is_set('body')) .or. s%marker%body == 0) return
+      character(:), allocatable :: what
+      if (.not. ((deck%is_choice(elastic) .or. deck%is_set('layer')) .and. deck%is_set('body')) .or. s%marker%body == 0) return
       if (.not. deck%body_known(s%marker%body)) return
+      what = 'quantity='//quoted(trim(s%quantity))//either(' of a layer', '', deck%is_choice('energy'))
       associate (b => d%bodies(s%marker%body))
         if (b%kind == 'rigid') then
-          if (.not. deck%is_set('node')) call deck%complain('body', 'quantity='''//trim(s%quantity)// &
-            ''' does not apply to '//body_text(d, s%marker%body)//', expected a beam or frame')
+          if (.not. deck%is_set('node')) call deck%complain('body', what//' does not apply to '// &
+            body_text(d, s%marker%body)//', expected a beam or frame')
         else if (.not. b%flexible .and. s%quantity /= 'deflection') then
-          call deck%complain('body', 'quantity='''//trim(s%quantity)//''' does not apply to '// &
-            body_text(d, s%marker%body)//' with flexible=.false., which is rigid, expected flexible=.true.')
+          call deck%complain('body', what//' does not apply to '//body_text(d, s%marker%body)//' with flexible=.false., '// &
+            'which is rigid, expected flexible=.true.')
         else if (s%quantity == 'stress' .and. size(b%element_section) > 0 .and. &
                  .not. any(d%sections(pack(b%element_section, b%element_section > 0))%fibre > 0.0_wp)) then
           call deck%complain('body', 'no section of '//body_text(d, s%marker%body)//' has a shape, which a stress needs, '// &
             'expected a &section with a shape')
-        else if (deck%is_choice('layer slip') .and. .not. sections_read(d, b)) then
+        else if (deck%is_choice('layer slip energy') .and. .not. sections_read(d, b)) then
           return
         else if (deck%is_choice('slip') .and. core_coordinates(d, b) == 0) then
           call deck%complain('body', body_text(d, s%marker%body)//' has no cores, expected a body of layers with cores')
@@ -107,17 +109,48 @@ contains
         else if (deck%is_set('index') .and. s%index > elastic_coordinates(d, b)) then
           call deck%complain('index', 'index='//to_text(s%index)//' is out of range for '// &
             body_text(d, s%marker%body)//', expected 1 to '//to_text(elastic_coordinates(d, b)))
+        else if (deck%is_choice('energy')) then
+          call check_layer(b, 1, b%elements, body_text(d, s%marker%body))
         else if (deck%is_set('layer') .and. deck%is_set('element')) then
-          associate (layers => size(d%sections(b%element_section(s%element))%layers))
-            if (layers == 0) call deck%complain('body', body_text(d, s%marker%body)//' has no layers, expected a body whose '// &
-              'sections have layers')
-            if (layers > 0 .and. s%layer > layers) call deck%complain('layer', 'layer='//to_text(s%layer)//' is out of range '// &
-              'for element '//to_text(s%element)//', expected 1 to '//to_text(layers))
-          end associate
+          call check_layer(b, s%element, s%element, 'element '//to_text(s%element))
         end if
         if (deck%is_choice('slip') .and. .not. deck%is_given('node')) call deck%need('node')
       end associate
     end subroutine check_elastic
+
+    !> A layer of one of some elements; where energies of modes are asked for, no other layer shares its viscoelastic material.
+    subroutine check_layer(b, first, last, of)
+      type(body_record), intent(in) :: b
+      integer, intent(in) :: first, last
+      character(*), intent(in) :: of              !! the elements, in words
+      integer :: e, l, layers, material(last - first + 1)
+      layers = 0
+      material = 0
+      do e = first, last
+        associate (list => d%sections(b%element_section(e))%layers)
+          layers = max(layers, size(list))
+          if (size(list) >= s%layer) material(e - first + 1) = list(max(s%layer, 1))
+        end associate
+      end do
+      if (layers == 0) call deck%complain('body', body_text(d, s%marker%body)//' has no layers, expected a body whose sections '// &
+        'have layers')
+      if (layers > 0 .and. s%layer > layers) call deck%complain('layer', 'layer='//to_text(s%layer)//' is out of range for '// &
+        of//', expected 1 to '//to_text(layers))
+      if (.not. (deck%is_choice('energy') .and. b%viscoelastic .and. (b%modes > 0 .or. b%auto_modes))) return
+      do e = first, last
+        associate (list => d%sections(b%element_section(e))%layers)
+          do l = 1, size(list)
+            if (l == s%layer .or. list(l) == 0 .or. .not. any(material == list(l))) cycle
+            associate (m => d%materials(list(l)))
+              if (size(m%law%ghm_alpha) + size(m%law%prony_alpha) == 0) cycle
+              call deck%complain('layer', 'layers '//to_text(s%layer)//' and '//to_text(l)//' of '//of//' are of material '// &
+                quoted(trim(m%name))//', whose energy in modes is one, expected no modes, or a material for each layer')
+              return
+            end associate
+          end do
+        end associate
+      end do
+    end subroutine check_layer
   end subroutine read_sensor
 
   !> Number of elastic coordinates of a flexible body: its modes, or three a node without those that its frame and

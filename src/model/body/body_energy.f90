@@ -3,9 +3,10 @@ module body_energy
   use kinds, only: wp
   use body, only: body_model, elastic_work
   use elastic_operators, only: bilinear
+  use element_law, only: row_energies, row_layers
   implicit none (type, external)
   private
-  public :: kinetic_energy, strain_energy
+  public :: kinetic_energy, layer_energy, strain_energy
 
 contains
 
@@ -46,4 +47,24 @@ contains
       energy = energy + b%segments(r)%stored(b%segments(r)%width, w%d(1, b%segments(r)%first), z, zd)
     end do
   end function strain_energy
+
+  !> What of it one layer stores; of modes a viscoelastic material has to be in one layer.
+  real(wp) function layer_energy(b, layer, w, z, zd) result(energy)   ! [J]
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: layer
+    type(elastic_work), intent(in) :: w       !! of an evaluation of this state
+    real(wp), intent(in), contiguous :: z(:), zd(:)   !! (nz), (nzd) internal variables of the scene [m, rad] and per second
+    type(elastic_work) :: rest                ! without the terms' differences
+    integer :: e, r
+    rest = w
+    rest%ds = w%d
+    energy = 0.0_wp
+    do e = 1, b%ne
+      energy = energy + 0.5_wp*sum(row_energies(b, e, b%basis%element_strain(b, e, rest)), row_layers(b, e) == layer)
+    end do
+    do r = 1, size(b%segments)
+      if (b%segments(r)%layer == layer) energy = energy + b%segments(r)%stored(b%segments(r)%width, &
+                                                                              w%d(1, b%segments(r)%first), z, zd)
+    end do
+  end function layer_energy
 end module body_energy

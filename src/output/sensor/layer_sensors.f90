@@ -1,10 +1,11 @@
-!> Layers of beams: the largest stress of one in an element, of a core the largest shear stress, and the shear angles of cores at a
-!> node.
+!> Layers of beams: the largest stress of one in an element, of a core the largest shear stress; what a layer stores and loses; the
+!> shear angles of cores at a node.
 module layer_sensors
   use kinds, only: wp
   use body, only: body_model
+  use body_energy, only: layer_energy
   use section_sensors, only: present_rows, row_amplitudes
-  use sensor, only: harmonic_motion, observation, sensor_model
+  use sensor, only: harmonic_motion, nonlinear_sensor, observation, sensor_model
   implicit none (type, external)
   private
 
@@ -18,11 +19,19 @@ module layer_sensors
     procedure :: respond => layer_amplitude
   end type layer_sensor_model
 
+  !> What a layer of a body stores, its viscoelastic terms included, and what those have dissipated.
+  type, extends(nonlinear_sensor), public :: layer_energy_model
+    integer :: layer = 0
+  contains
+    procedure :: read => read_energy
+  end type layer_energy_model
+
   !> Shear angles of the body's cores at a node; 0 where no element beside it has the core.
   type, extends(sensor_model), public :: slip_sensor_model
     integer, allocatable :: element(:), entry(:)   !! (cores) an element that has it, 0: none; its place among the coordinates
   contains
     procedure :: find
+    procedure :: angles
     procedure :: read => read_slip
     procedure :: respond => slip_amplitude
   end type slip_sensor_model
@@ -74,13 +83,28 @@ contains
     end associate
   end function stresses
 
+  !> Of the state; the losses are those of the summary.
+  subroutine read_energy(self, at, x)
+    class(layer_energy_model), intent(in) :: self
+    type(observation), intent(in) :: at
+    real(wp), intent(inout) :: x(:)           !! [J], [J]
+    integer :: n
+    associate (s => at%m%s, b => self%marker%body)
+      n = s%ny - size(s%integrated) - size(s%losses)
+      x(1) = layer_energy(s%bodies(b), self%layer, at%ev%elastic(b), at%y(2*s%nq + 1:2*s%nq + s%nz), &
+                          at%y(2*s%nq + s%nz + 1:2*s%nq + s%nz + s%nzd))
+      x(2) = sum(at%y(n + 1:n + size(s%losses)), s%losses%body == b .and. s%losses%layer == self%layer)
+    end associate
+  end subroutine read_energy
+
   !> Finds where the cores' angles at a node stand.
-  subroutine find(self, b, node)
+  pure subroutine find(self, b, node)
     class(slip_sensor_model), intent(inout) :: self
     type(body_model), intent(in) :: b
     integer, intent(in) :: node
     integer :: e, i, j
-    allocate (self%element(size(b%dof, 1) - 3), self%entry(size(b%dof, 1) - 3), source=0)
+    self%element = spread(0, 1, size(b%dof, 1) - 3)
+    self%entry = self%element
     do e = 1, b%ne
       do i = 1, 2
         if (b%en(i, e) /= node) cycle
@@ -101,7 +125,7 @@ contains
     type(observation), intent(in) :: at
     real(wp), intent(inout) :: x(:)           !! (cores) [rad]
     associate (i => at%m%s%qo(self%marker%body) + 3, n => at%m%s%bodies(self%marker%body)%nf)
-      x(:size(self%entry)) = angles(self, at%m%s%bodies(self%marker%body), at%y(i + 1:i + n))
+      x(:size(self%entry)) = self%angles(at%m%s%bodies(self%marker%body), at%y(i + 1:i + n))
     end associate
   end subroutine read_slip
 
@@ -112,8 +136,8 @@ contains
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! (cores) [rad]
     associate (i => at%m%s%qo(self%marker%body) + 3, b => at%m%s%bodies(self%marker%body))
-      x(:size(self%entry)) = cmplx(angles(self, b, real(motion%x(i + 1:i + b%nf), wp)), &
-                                   angles(self, b, aimag(motion%x(i + 1:i + b%nf))), wp)
+      x(:size(self%entry)) = cmplx(self%angles(b, real(motion%x(i + 1:i + b%nf), wp)), &
+                                   self%angles(b, aimag(motion%x(i + 1:i + b%nf))), wp)
     end associate
   end subroutine slip_amplitude
 
