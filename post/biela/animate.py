@@ -5,14 +5,18 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
 from matplotlib import patheffects as path_effects
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from PIL import Image
 
 from .histories import read
 from .mechanism import Mechanism, Pair, add_trace, from_run, zigzag
-from .picture_files import FORMATS, lay_out, plain_numbers, stem_of
+from .picture_files import FORMATS, stem_of, subplots
 from .plot import LOOK, body_look
 from .progress import Progress
 from .result_files import HistoryError, note, writing
@@ -31,7 +35,7 @@ class Picture:
     """The mechanism on one axis: lines made once, moved to a row of the motion by `show`."""
 
     def __init__(
-        self, axis: plt.Axes, scene: Mechanism, corners: tuple[np.ndarray, np.ndarray] | None = None, named: bool = False,
+        self, axis: Axes, scene: Mechanism, corners: tuple[np.ndarray, np.ndarray] | None = None, named: bool = False,
         stops: str = DARK, springs: str = DARK,
     ):  # fmt: skip
         self.scene, self.axis = scene, axis
@@ -107,7 +111,7 @@ class Picture:
         self.stamp.set_text(f"t = {scene.time[row] * 1.0e3:.4g} ms" if scene.time[-1] < 0.1 else f"t = {scene.time[row]:.4g} s")
 
 
-def _dots(line: plt.Line2D, points: list[np.ndarray]) -> None:
+def _dots(line: Line2D, points: list[np.ndarray]) -> None:
     line.set_data(*(np.transpose(points) if points else ([], [])))
 
 
@@ -123,13 +127,11 @@ def tiles(count: int, low: np.ndarray, high: np.ndarray) -> tuple[int, int, floa
     return max(found)[1:]
 
 
-def panels_to_scale(
-    count: int, low: np.ndarray, high: np.ndarray, above: float, title: str = ""
-) -> tuple[plt.Figure, list[plt.Axes]]:
+def panels_to_scale(count: int, low: np.ndarray, high: np.ndarray, above: float, title: str = "") -> tuple[Figure, list[Axes]]:
     """Return a figure of as many panels from low to high [m], to scale, with room above each [inch]."""
     lines, columns, width, height = tiles(count, low, high)
     size = (width * columns + 0.5, (height + above) * lines + 0.7)
-    figure, axes = plt.subplots(lines, columns, figsize=size, squeeze=False, layout="constrained", sharex=True, sharey=True)
+    figure, axes = subplots(lines, columns, figsize=size, squeeze=False, sharex=True, sharey=True)
     for axis in axes.flat[count:]:
         axis.axis("off")
     figure.supxlabel("x [m]", fontsize=9)
@@ -149,14 +151,13 @@ def _height(scene: Mechanism, width: float) -> float:
 def film(scene: Mechanism, frames: int) -> list[Image.Image]:
     """Return at most that many frames, evenly spread over time; what does not move is drawn once."""
     rows = np.unique(np.linspace(0, len(scene.time) - 1, min(frames, len(scene.time))).round().astype(int))
-    with plt.rc_context(LOOK | {"axes.grid": False, "figure.dpi": 80}):
-        figure, axis = plt.subplots(figsize=(6.4, max(2.0, _height(scene, 6.4))), layout="constrained")
+    with mpl.rc_context(LOOK | {"axes.grid": False, "figure.dpi": 80}):
+        figure, axis = subplots(figsize=(6.4, max(2.0, _height(scene, 6.4))))
         axis.set(xlabel="x [m]", ylabel="y [m]")
         picture = Picture(axis, scene, named=True)
         for artist in picture.moving:
             artist.set_animated(True)
-        plain_numbers(figure)
-        canvas = figure.canvas
+        canvas = FigureCanvasAgg(figure)
         canvas.draw()
         still = canvas.copy_from_bbox(figure.bbox)
         images = []
@@ -182,10 +183,10 @@ def snapshot_rows(scene: Mechanism, pictures: int) -> np.ndarray:
     return rows
 
 
-def sheet(scene: Mechanism, pictures: int = 6, title: str = "") -> plt.Figure:
+def sheet(scene: Mechanism, pictures: int = 6, title: str = "") -> Figure:
     """Return a figure of that many snapshots, evenly spread over time but where a stop is struck nearby: then of that moment."""
     corners = scene.extent()
-    with plt.rc_context(SHEET_LOOK):
+    with mpl.rc_context(SHEET_LOOK):
         figure, axes = panels_to_scale(pictures, *corners, 0.15, title)
         for axis, row in zip(axes, snapshot_rows(scene, pictures)):
             Picture(axis, scene, corners, named=axis is axes[0]).show(row, max(row - 1, 0))
@@ -223,10 +224,8 @@ def write(
                 few.save(path, save_all=True, append_images=rest, duration=round(1000.0 * seconds / len(images)), loop=0)
             else:
                 figure = sheet(scene, pictures, title)
-                lay_out(figure)
                 figure.savefig(path, dpi=110)
             note(path)
-    plt.close("all")
     return paths
 
 

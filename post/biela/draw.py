@@ -6,8 +6,10 @@ import argparse
 import json
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Arc
 
 from . import labels
@@ -15,7 +17,7 @@ from .animate import Picture
 from .command import call_solver
 from .histories import read_summary
 from .mechanism import hinge, of_scene
-from .picture_files import save
+from .picture_files import save, subplots
 from .plot import COLOURS, LOOK, body_look
 from .result_files import HistoryError
 
@@ -49,7 +51,7 @@ def walls(stop: dict) -> list[np.ndarray]:
 class ScenePicture:
     """A scene on one axis: the mechanism as in every picture, what acts on it, then the labels, which know of each other."""
 
-    def __init__(self, axis: plt.Axes, scene: dict):
+    def __init__(self, axis: Axes, scene: dict):
         self.axis, self.scene = axis, scene
         self.labels: list[labels.Label] = []
         points = np.array([point for body in scene["bodies"] for point in [*body["nodes"], body["frame"][:2], body["centre"]]])
@@ -211,7 +213,7 @@ class ScenePicture:
                 text.set_color(line.get_markeredgecolor())
 
 
-def draw(figures: dict, title: str | None = None) -> plt.Figure:
+def draw(figures: dict, title: str | None = None) -> Figure:
     """Return a figure of a summary's scene, titled as the deck where no title is given; HistoryError where it is damaged."""
     try:
         return _drawn(figures, title)
@@ -219,7 +221,7 @@ def draw(figures: dict, title: str | None = None) -> plt.Figure:
         raise HistoryError(f"summary.json: has no scene that can be drawn ({fault})") from None
 
 
-def _drawn(figures: dict, title: str | None) -> plt.Figure:
+def _drawn(figures: dict, title: str | None) -> Figure:
     """Return the figure; any exception where the figures are damaged."""
     scene, model = figures["scene"], figures["model"]
     if title is None:
@@ -227,8 +229,8 @@ def _drawn(figures: dict, title: str | None) -> plt.Figure:
         title = f"{figures['title'] or figures['deck']}\n{model['coordinates']} coordinates, " + (
             f"{model['dissipative_coordinates']} dissipative, {model['degrees_of_freedom']} degrees of freedom{mobility}"
         )
-    with plt.rc_context(LOOK | {"axes.grid": False}):
-        figure, axis = plt.subplots(figsize=(8.0, 5.5), layout="constrained")
+    with mpl.rc_context(LOOK | {"axes.grid": False}):
+        figure, axis = subplots(figsize=(8.0, 5.5))
         picture = ScenePicture(axis, scene)
         shape = (axis.get_ylim()[1] - axis.get_ylim()[0]) / (axis.get_xlim()[1] - axis.get_xlim()[0])
         figure.set_size_inches(8.0, float(np.clip(7.2 * shape + 1.2, 3.0, 9.0)))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from .deck import Deck
 from .histories import History
 from .material_law import Material, of_group
 from .mechanism import Mechanism
+from .picture_files import subplots
 from .plot import COLOURS, LOOK, pretty_unit
 
 MODES = 6  # that are listed
@@ -53,9 +56,7 @@ def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str
             yield f"largest deflection, {name}", f"{size[row, node]:.4g} m{share} at node {node + 1}, t = {scene.time[row]:.4g} s"
 
 
-def of_history(
-    table: History, deck: Deck, rounding: set[str], stops: dict[str, float]
-) -> Iterator[tuple[str, str]]:
+def of_history(table: History, deck: Deck, rounding: set[str], stops: dict[str, float]) -> Iterator[tuple[str, str]]:
     """Yield the largest values of sensors, of stresses with element or node; not of columns that hold rounding.
 
     `stops` has the largest force of each by steps, between rows too; it is empty where only some rows count.
@@ -87,15 +88,6 @@ def of_pairs(transient: dict) -> Iterator[tuple[str, str]]:
         yield f"contact force, joint {pair['name']}", words + pulls
 
 
-def first_turn(scene: dict, motion: Mechanism) -> float:
-    """Return when a rotational drive has turned once [s]; 0: none turns, inf: none has turned once by the end."""
-    ends = []
-    for drive in (drive for drive in scene["drives"] if drive["kind"] == "rotation"):
-        turned = np.abs(drive_angle(drive, motion) - drive_angle(drive, motion)[0])
-        ends += [motion.time[turned >= 2 * np.pi][0] if turned.max() >= 2 * np.pi else np.inf] if turned.any() else []
-    return min(ends, default=0.0)
-
-
 def drive_angle(drive: dict, motion: Mechanism) -> np.ndarray:
     """Return the angle of a rotational drive [rad]."""
     turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
@@ -109,9 +101,7 @@ def turning_drives(scene: dict, deck: Deck) -> dict[str, dict]:
     return {sensor: drives[name] for sensor, name in measured.items() if name in drives}
 
 
-def of_drives(
-    table: History, drives: dict[str, dict], deck: Deck, motion: Mechanism | None
-) -> Iterator[tuple[str, str]]:
+def of_drives(table: History, drives: dict[str, dict], deck: Deck, motion: Mechanism | None) -> Iterator[tuple[str, str]]:
     """Yield torque, power and energy of each rotational drive whose reaction is measured and whose turn is known.
 
     Sensors of power and work say theirs, of whatever has such sensors.
@@ -200,13 +190,13 @@ def materials(deck: Deck, temperatures: list[dict]) -> list[tuple[str, Material,
     return found
 
 
-def modulus_picture(name: str, law: Material, band: tuple[float, float], frequencies: list[float]) -> plt.Figure:
+def modulus_picture(name: str, law: Material, band: tuple[float, float], frequencies: list[float]) -> Figure:
     """Draw storage modulus and loss factor over the band, with lines at the frequencies of modes [Hz]."""
     wide = np.logspace(*np.log10(band), 300)
     curve = law.modulus(wide)
     inside = [f for f in frequencies if band[0] <= f <= band[1]]
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(2, 1, figsize=(8.0, 4.4), sharex=True, layout="constrained")
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(2, 1, figsize=(8.0, 4.4), sharex=True)
         axes[0].loglog(wide, curve.real)
         axes[1].semilogx(wide, curve.imag / curve.real)
         axes[0].set_ylabel("storage modulus [Pa]")
@@ -242,16 +232,16 @@ def parts(table: History) -> dict[str, np.ndarray]:
     return {name: found[name] for name in GROUPS if name in found and np.abs(found[name]).max() > rounding}
 
 
-def loss_picture(table: History, transient: dict) -> plt.Figure | None:
+def loss_picture(table: History, transient: dict) -> Figure | None:
     """Draw the energies lost over time, one on top of the other, and what each cause has taken by the end; None without losses."""
     shown = parts(table)
     causes = sorted(((sum(each.values()), cause) for cause, each in losses(table, transient).items()), reverse=True)[:MOST_BARS]
     if not shown or not causes:
         return None
     total = float(table["dissipated"][-1])
-    with plt.rc_context(LOOK):
+    with mpl.rc_context(LOOK):
         size = (8.0, max(2.6, 1.1 + 0.28 * len(causes)))
-        figure, (left, right) = plt.subplots(1, 2, figsize=size, layout="constrained", width_ratios=(1.0, 1.0))
+        figure, (left, right) = subplots(1, 2, figsize=size, width_ratios=(1.0, 1.0))
         left.stackplot(table.time, *shown.values(), colors=[GROUPS[name] for name in shown], linewidth=0)
         left.margins(x=0.0)
         left.set_xlabel("t [s]")
@@ -266,7 +256,7 @@ def loss_picture(table: History, transient: dict) -> plt.Figure | None:
         right.set_xlim(left=min(0.0, *(energy for energy, _ in causes)))
         right.set_xlabel("lost by the end [J]")
         right.grid(visible=False, axis="y")
-        handles = [plt.Rectangle((0, 0), 1, 1, color=GROUPS[name]) for name in shown]
+        handles = [Rectangle((0, 0), 1, 1, color=GROUPS[name]) for name in shown]
         words = [f"{name}: {100.0 * energy[-1] / total:.3g} %" if total > 0.0 else name for name, energy in shown.items()]
         figure.legend(handles, words, loc="outside upper center", ncols=len(shown))
     return figure

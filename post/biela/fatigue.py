@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     from .histories import History
 
@@ -34,15 +34,16 @@ def damage(counted: np.ndarray, strength: float, borne: float, slope: float, ult
     return float(np.sum(counts * (0.5 * ranges / left / strength) ** slope) / borne)
 
 
-def picture(run: History, names: list[str], life: tuple[float, float, float] | None) -> tuple[plt.Figure, list[str]]:
+def picture(run: History, names: list[str], life: tuple[float, float, float] | None) -> tuple[Figure, list[str]]:
     """Return a figure of how many cycles of columns have at least each range, and words on each; life: as of `damage`."""
-    import matplotlib.pyplot as plt
+    import matplotlib as mpl
 
+    from .picture_files import subplots
     from .plot import COLOURS, LOOK, axis_label, pretty_unit
 
     words = []
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(len(names), 1, figsize=(8.0, 0.8 + 3.0 * len(names)), squeeze=False, layout="constrained")
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(len(names), 1, figsize=(8.0, 0.8 + 3.0 * len(names)), squeeze=False)
         for axis, name in zip(axes[:, 0], names):
             counted = cycles(run[name])
             counted = counted[np.argsort(-counted[:, 0], kind="stable")]

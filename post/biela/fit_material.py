@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.figure import Figure
 
 from . import material_data
 from .command import call_solver
@@ -23,7 +23,7 @@ from .master_curve import MasterCurve, master_curve
 from .material_data import DataError, Measurements
 from .material_fit import NEAR, Fit, choose_terms, fit, relative_error, rms
 from .material_law import GHM_KEYS, MAXWELL_KEYS, SHIFT_KEYS, Material, moved, of_group, shift_keys
-from .picture_files import FORMATS, RAISED, save, stem_of
+from .picture_files import FORMATS, save, stem_of, subplots
 from .plot import COLOURS, LOOK
 from .progress import Progress
 from .result_files import writing
@@ -96,7 +96,7 @@ class MaterialFit:
         """The lines of a deck: comments, then the `&material` group."""
         return material_lines(self.material, self.name, self.density or 1000.0, self.notes, self.band, self.shift)
 
-    def picture(self) -> plt.Figure:
+    def picture(self) -> Figure:
         """Draw storage modulus, loss factor and the terms over frequency."""
         return picture(self.material, f"{self.name}: {law_of(self.material)}, {100 * self.error:.2g} % rms", self.band, self.points)
 
@@ -194,24 +194,15 @@ def material_lines(
     return "\n".join([*(f"! {note}" for note in notes), "", "\n".join([head, *lists]) + " /"]) + "\n"
 
 
-def two_or_five(value: float) -> str:
-    """Return the label of a tick between powers of ten: that of 2 and 5 times one, '' of the others."""
-    power = int(np.floor(np.log10(value)))
-    times = round(value / 10.0**power, 6)
-    return f"{times:.0f}×10{str(power).translate(RAISED)}" if times in (2.0, 5.0) else ""
-
-
-def picture(
-    material: Material, title: str, band: tuple[float, float], points: list[tuple[str, np.ndarray, np.ndarray]]
-) -> plt.Figure:
+def picture(material: Material, title: str, band: tuple[float, float], points: list[tuple[str, np.ndarray, np.ndarray]]) -> Figure:
     """Draw storage modulus, loss factor and terms over a band [Hz], and points: label, frequencies [Hz], moduli [Pa]."""
     wide = np.logspace(*np.log10(band), 400)
     curve = material.modulus(wide)
     terms = material.term_curves(wide)
     many = len(points) > MOST_LABELS
-    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.92, len(points))) if many else COLOURS
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(3, 1, figsize=(8.0, 8.2), sharex=True, layout="constrained")
+    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.92, len(points))) if many else COLOURS
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(3, 1, figsize=(8.0, 8.2), sharex=True)
         for k, (label, frequency, modulus) in enumerate(points):
             look = dict(marker=MARKS[k % len(MARKS)], linestyle="none", markersize=4, color=colours[k % len(colours)])
             axes[0].plot(frequency, modulus.real, label=None if many else label, **look)
@@ -228,13 +219,9 @@ def picture(
             axis.set_ylabel(label)
             axis.set_xscale("log")
             axis.set_yscale("log")
-            axis.yaxis.set_minor_formatter(FuncFormatter(lambda value, _: two_or_five(value)))
             axis.margins(x=0.02)
         losses = np.concatenate([curve.imag, *(modulus.imag for _, _, modulus in points)])
         axes[2].set_ylim(losses.min() / 3.0, losses.max() * 1.5)  # terms far below the sum do not matter
-        for axis in axes:
-            if np.ptp(np.log10(axis.get_ylim())) > 3.0:  # the powers of ten are enough
-                axis.yaxis.set_minor_formatter(NullFormatter())
         for axis in (axes[0], axes[2]):
             axis.legend(ncols=5, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         axes[2].set_xlabel("frequency [Hz]")
@@ -367,8 +354,7 @@ def fitted(
     material = found.material
     worst = float(relative_error(material, frequency, modulus).max())
     notes = [
-        f"{law_of(material)} fitted to {options.source_note or source.name}, "
-        f"{frequency.size} rows, {band[0]:g} to {band[1]:g} Hz",
+        f"{law_of(material)} fitted to {options.source_note or source.name}, {frequency.size} rows, {band[0]:g} to {band[1]:g} Hz",
         f"relative error |E_fit/E - 1|: {100 * found.error:.3g} % rms, {100 * worst:.3g} % at most; by decade:",
         *(f"  {line}" for line in errors_by_decade(material, frequency, modulus)),
         "outside that band the terms extrapolate: nothing is claimed there",

@@ -21,14 +21,13 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
-from .number_text import read_rows
 from .result_files import EVENTS, RESULT_FILES, HistoryError
 
 if TYPE_CHECKING:
     import pandas
 
 HEADER = "# columns:"
-LARGE = 20_000_000  # bytes beyond which faster parsers read a table
+LARGE = 20_000_000  # bytes beyond which pandas reads a table: it is faster, but takes long to load
 WHOLE = 1.0e-9  # of a turn, by which the end of a whole one may err
 COLUMN = re.compile(r"(?P<name>[^\[\]]+)(?:\[(?P<unit>[^\[\]]*)\])?")
 
@@ -124,31 +123,24 @@ class History:
         return f"it has {shown}" + (f" and {len(self.names) - 12} more" if len(self.names) > 12 else "")
 
 
-def read(source: str | Path, kind: str = "history", fast: bool = False) -> History:
+def read(source: str | Path, kind: str = "history") -> History:
     """Read a results file, a reference (`.csv`), or the file of a kind ('history', 'energy', 'motion', ...) in a results folder.
 
     HistoryError: the file is missing, has no column names, no rows, a row of the wrong length, a word that is no finite number, or
-    a time that does not increase. Numbers of large tables, and of all where it has to be `fast`, are right to an ulp or two.
+    a time that does not increase. Numbers of large tables are right to an ulp or two.
     """
     path = Path(source)
     if path.is_dir():
         path = path / RESULT_FILES[kind]
     separator = "," if path.suffix == ".csv" else None
     try:
-        head, size = _head(path, separator)
+        head = _head(path, separator)
         columns = _header(path, head, separator)
         names = [name for name, _ in columns]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise HistoryError(f"{path}: the column {twice[0]!r} is given twice")
-        data = None
-        large = path.stat().st_size > LARGE
-        if (large or fast) and not separator:
-            data = read_rows(path, size, len(names))
-        if large and data is None:
-            data = _large_table(path, size, len(names), separator)
-        if data is None or not len(data):
-            data = np.asfortranarray(_rows(path, len(head), len(names), separator))
+        data = np.asfortranarray(_rows(path, len(head), len(names), separator))
     except FileNotFoundError:
         raise HistoryError(f"{path}: no such file ({_why_missing(path)})") from None
     except OSError as fault:
@@ -159,34 +151,13 @@ def read(source: str | Path, kind: str = "history", fast: bool = False) -> Histo
     return History(path, names, dict(columns), data)
 
 
-def _head(path: Path, separator: str | None) -> tuple[list[str], int]:
-    """Return the lines of a file before its rows, and how many bytes they have."""
-    lines, size = [], 0
+def _head(path: Path, separator: str | None) -> list[str]:
+    """Return the lines of a file before its rows."""
+    lines = []
     with path.open("rb") as file:
-        for line in file:
-            if not (separator or line.startswith(b"#")):
-                break
+        for line in itertools.islice(file, 1) if separator else itertools.takewhile(lambda one: one.startswith(b"#"), file):
             lines.append(line.decode("utf-8-sig", "replace").rstrip("\r\n"))
-            size += len(line)
-            if separator:
-                break
-    return lines, size
-
-
-def _large_table(path: Path, first: int, width: int, separator: str | None) -> np.ndarray | None:
-    """Return a table whose rows begin at a byte, read by pandas; None: pandas is missing or cannot read it."""
-    try:
-        import pandas
-    except ImportError:
-        return None
-    form = dict(sep=separator or r"\s+", header=None, dtype=float, na_filter=False, quoting=csv.QUOTE_NONE)
-    with path.open("rb") as file:
-        file.seek(first)
-        try:
-            data = np.asfortranarray(pandas.read_csv(file, **form).to_numpy())
-        except ValueError:  # also that of pandas: a word that is no number, a row that is too long, no rows
-            return None
-    return data if data.shape[1] == width and np.isfinite(data).all() else None
+    return lines
 
 
 class Event(NamedTuple):
@@ -299,7 +270,7 @@ def _rows(path: Path, first: int, width: int, separator: str | None) -> np.ndarr
     """Return the numbers after the first lines, shape (rows, width); where they cannot be read, name the faulty line."""
     with contextlib.suppress(ValueError), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a file without rows is named below
-        data = np.loadtxt(str(path), delimiter=separator, ndmin=2, comments=None, skiprows=first, encoding="utf-8")
+        data = _numbers(path, first, separator)
         if data.shape[1] == width and np.isfinite(data).all() and data.size:
             return data
     rows = 0
@@ -314,6 +285,17 @@ def _rows(path: Path, first: int, width: int, separator: str | None) -> np.ndarr
                     raise HistoryError(f"{path}:{number}: {word.strip()!r} is no finite number")
     wanted = f"cannot be read as rows of {width} numbers" if rows else "holds no rows (was the run interrupted at its start?)"
     raise HistoryError(f"{path}: {wanted}")
+
+
+def _numbers(path: Path, first: int, separator: str | None) -> np.ndarray:
+    """Return the numbers after the first lines, of a large file by pandas where it is installed; ValueError."""
+    if path.stat().st_size > LARGE:
+        with contextlib.suppress(ImportError):
+            from pandas import read_csv
+
+            form = dict(header=None, dtype=float, na_filter=False, quoting=csv.QUOTE_NONE, skiprows=first)
+            return read_csv(path, sep=separator or r"\s+", **form).to_numpy()
+    return np.loadtxt(path, delimiter=separator, ndmin=2, comments=None, skiprows=first, encoding="utf-8")
 
 
 def _finite(word: str) -> bool:

@@ -20,7 +20,7 @@ from .sweep_study import Study, StudyOptions
 from .sweep_work import prepare, write_table
 
 if TYPE_CHECKING:
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
 STEP = 1.0e-3  # of the differences on both sides, in parts of the ranges
 INSIDE = 1.0e-3  # distance of a start from the ends of the ranges
@@ -105,7 +105,7 @@ class Identified(Tabular):
             lines.append(f"  the data do not tell: {ways} of the ranges, together")
         return lines + [f"  note: {words}" for words in self.notes]
 
-    def picture(self) -> plt.Figure:
+    def picture(self) -> Figure:
         """Draw what was measured, the model, and their differences."""
         from .sweep_picture import draw_identified
 

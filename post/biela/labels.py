@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import matplotlib.pyplot as plt
 import numpy as np
 import textalloc
+from matplotlib.axes import Axes
 from matplotlib.text import Annotation, Text
-
-from .picture_files import plain_numbers
 
 SIZE = 8  # of the letters [point]
 GROWTH = 1.25  # of a figure in which the names have no room
@@ -25,7 +23,7 @@ class Label:
     colour: str
 
 
-def obstacles(axis: plt.Axes) -> tuple[list[np.ndarray], np.ndarray]:
+def obstacles(axis: Axes) -> tuple[list[np.ndarray], np.ndarray]:
     """Return what stands in an axis: lines, each of shape (n, 2), and marks, shape (n, 2), in data coordinates."""
     lines, marks = [], [np.zeros((0, 2))]
     for line in axis.lines:
@@ -59,16 +57,15 @@ def overlaps(boxes: list[tuple[str, np.ndarray]]) -> list[tuple[str, str]]:
     return [(words[i], words[j]) for i, j in zip(*np.nonzero((sides > 1.0).all(axis=2))) if i < j]
 
 
-def write(axis: plt.Axes, labels: list[Label]) -> list[Text]:
+def write(axis: Axes, labels: list[Label]) -> list[Text]:
     """Write labels free of each other, with a thin line to what they name, and return the texts; without room the figure grows."""
     if not labels:
         return []
-    figure = axis.figure
-    plain_numbers(figure)
+    figure, points = axis.figure, np.array([label.at for label in labels])
+    colours = [label.colour for label in labels]
     while True:
-        figure.draw_without_rendering()
+        figure.lay_out()
         lines, marks = obstacles(axis)
-        points = np.array([label.at for label in labels])
         marks = np.concatenate([marks, points])
         _, _, texts, leaders = textalloc.allocate(
             axis,
@@ -76,24 +73,21 @@ def write(axis: plt.Axes, labels: list[Label]) -> list[Text]:
             [label.text for label in labels],
             x_scatter=marks[:, 0],
             y_scatter=marks[:, 1],
-            x_lines=[line[:, 0] for line in lines] or None,
-            y_lines=[line[:, 1] for line in lines] or None,
+            x_lines=[line[:, 0] for line in lines],
+            y_lines=[line[:, 1] for line in lines],
             textsize=SIZE,
-            textcolor=[label.colour for label in labels],
-            linecolor=[label.colour for label in labels],
+            textcolor=colours,
+            linecolor=colours,
             linewidth=0.5,
             min_distance=0.012,
             max_distance=0.3,
             zorder=9,
         )
-        figure.draw_without_rendering()
-        width, height = figure.get_size_inches()
-        if (
-            not overlaps([(text.get_text(), text.get_window_extent().extents) for text in texts])
-            or max(width, height) * GROWTH > LARGEST_SIDE
-        ):
+        size = figure.get_size_inches() * GROWTH
+        apart = not overlaps([(text.get_text(), text.get_window_extent().extents) for text in texts])
+        if apart or max(size) > LARGEST_SIDE:
             return texts
-        for artist in [*texts, *leaders]:
-            if artist is not None:
-                artist.remove()
-        figure.set_size_inches(width * GROWTH, height * GROWTH)
+        for artist in filter(None, [*texts, *leaders]):
+            artist.remove()
+        figure.set_size_inches(*size)
+        figure.set_layout_engine("constrained")

@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from . import labels
 from .animate import SHEET_LOOK, Picture, panels_to_scale
 from .histories import History, read
 from .mechanism import Mechanism, from_run
-from .picture_files import save
-from .plot import COLOURS, LOOK, STYLES, axis_label, moving, share_abscissa, stacked
+from .picture_files import save, subplots
+from .plot import COLOURS, LOOK, STYLES, axis_label, moving, stacked
 from .result_files import RESULT_FILES, HistoryError
 
 if TYPE_CHECKING:
@@ -99,12 +100,12 @@ def caption(table: History, row: int) -> str:
     return text if table["kind"][row] == UNDAMPED else text + f", ζ = {ratio:.3g}"
 
 
-def draw_shapes(table: History, rows: list[int], title: str = "") -> plt.Figure:
+def draw_shapes(table: History, rows: list[int], title: str = "") -> Figure:
     """Return a figure of the shapes of the given rows, the mechanism at rest in grey."""
     scenes = [moved(table, row) for row in rows]
     corners = np.array([scene.extent() for scene in scenes])
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
-    with plt.rc_context(SHEET_LOOK):
+    with mpl.rc_context(SHEET_LOOK):
         figure, axes = panels_to_scale(len(rows), low, high, 0.3, title)
         for axis, row, scene in zip(axes, rows, scenes):
             picture = Picture(axis, scene, (low, high))
@@ -140,7 +141,7 @@ def decades(interval: tuple[float, float], least: float) -> np.ndarray:
     return ticks[(ticks >= interval[0]) & (ticks <= interval[1])]
 
 
-def number_poles(axis: plt.Axes, modes: np.ndarray, real: np.ndarray, imag: np.ndarray) -> None:
+def number_poles(axis: Axes, modes: np.ndarray, real: np.ndarray, imag: np.ndarray) -> None:
     """Write the numbers of modes beside their poles; one text for poles whose marks lie over each other."""
     at = axis.transData.transform(np.column_stack([real, imag]))
     groups: list[list[int]] = []
@@ -152,13 +153,13 @@ def number_poles(axis: plt.Axes, modes: np.ndarray, real: np.ndarray, imag: np.n
     labels.write(axis, [labels.Label(point, name, "black") for point, name in zip(points, names)])
 
 
-def draw_poles(table: History, title: str = "") -> plt.Figure:
+def draw_poles(table: History, title: str = "") -> Figure:
     """Return a figure of the poles in the upper half plane, both axes symmetric-logarithmic."""
     kinds = table["kind"].astype(int)
     poles = table["real"] + 1j * table["imag"]
     real, imag = poles.real, poles.imag
-    with plt.rc_context(LOOK):
-        figure, axis = plt.subplots(figsize=(7.2, 4.8), layout="constrained")
+    with mpl.rc_context(LOOK):
+        figure, axis = subplots(figsize=(7.2, 4.8))
         linear = [threshold(part, poles) for part in (real, imag)]
         axis.set_xscale("symlog", linthresh=linear[0])
         axis.set_yscale("symlog", linthresh=linear[1])
@@ -178,21 +179,21 @@ def draw_poles(table: History, title: str = "") -> plt.Figure:
         for one, least in zip((axis.xaxis, axis.yaxis), linear):
             one.set_major_locator(mpl.ticker.FixedLocator(decades(one.get_view_interval(), least)))
         figure.legend(loc="outside upper center", ncols=4)
-        figure.draw_without_rendering()
+        figure.lay_out()
         mine = np.flatnonzero(kinds != UNDAMPED if (kinds == VIBRATION).any() else kinds == UNDAMPED)
         if mine.size <= MOST_NUMBERS:
             number_poles(axis, table["mode"][mine].astype(int), real[mine], imag[mine])
     return figure
 
 
-def draw_shares(table: History, title: str = "") -> plt.Figure | None:
+def draw_shares(table: History, title: str = "") -> Figure | None:
     """Return a figure of the parts of each vibration's loss and energy that viscoelastic layers have; None where there are none."""
     layers = [name[: -len(".loss")] for name in table.names if name.endswith(".loss")]
     rows = np.flatnonzero(table["kind"] == VIBRATION)
     if not layers or not rows.size:
         return None
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(2, 1, figsize=(7.2, 4.8), sharex=True, layout="constrained")
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(2, 1, figsize=(7.2, 4.8), sharex=True)
         for axis, part, words in zip(axes, ("loss", "energy"), ("share of the loss", "share of the energy")):
             below = np.zeros(rows.size)
             for k, layer in enumerate(layers):
@@ -239,18 +240,18 @@ def sensors(table: History, patterns: list[str] | None) -> list[str]:
     return [name[: -len(".amplitude")] for name in (names if patterns else moving([table], names))]
 
 
-def draw_response(table: History, names: list[str], title: str = "") -> plt.Figure:
+def draw_response(table: History, names: list[str], title: str = "") -> Figure:
     """Return a figure with two panels for each unit: amplitude (logarithmic) above, phase below, per unit of the input."""
     f = table["f"]
     groups: dict[str, list[str]] = {}
     for name in names:
         groups.setdefault(table.units[f"{name}.amplitude"], []).append(name)
     logarithmic = f[0] > 0.0 and f[-1] / f[0] > 5.0
-    with plt.rc_context(LOOK):
+    with mpl.rc_context(LOOK):
         across = -(-len(groups) // 2)  # pairs of panels side by side: a picture is no taller than wide
         down = -(-len(groups) // across)
-        figure = plt.figure(figsize=(8.0 + 5.0 * (across - 1), 0.8 + 3.4 * down), layout="constrained")
-        axes = stacked(figure, len(groups), across, (3, 2))
+        size = (8.0 + 5.0 * (across - 1), 0.8 + 3.4 * down)
+        figure, axes = stacked(len(groups), across, size, (3, 2), axis_label("f", "Hz"))
         for k, (unit, group) in enumerate(groups.items()):
             upper, lower = axes[2 * k : 2 * k + 2]
             for j, name in enumerate(group):
@@ -265,7 +266,6 @@ def draw_response(table: History, names: list[str], title: str = "") -> plt.Figu
             middle = np.mean(lower.get_ylim())
             lower.set_ylim(min(lower.get_ylim()[0], middle - 100.0), max(lower.get_ylim()[1], middle + 100.0))
             lower.yaxis.set_major_locator(mpl.ticker.MultipleLocator(90.0 if np.ptp(lower.get_ylim()) < 450.0 else 180.0))
-        share_abscissa(axes, axis_label("f", "Hz"))
         for axis in axes if logarithmic else []:
             axis.set_xscale("log")
         figure.suptitle(", ".join(filter(None, [title, input_of(table.path)])), fontsize=10)
@@ -295,15 +295,15 @@ class Modes:
         units = {name: f"{name}_[{self.table.units[name]}]" for name in names if self.table.units[name] not in ("", "-")}
         return pandas.DataFrame(columns).rename(columns=units).astype({"mode": int})
 
-    def picture(self, modes: list[int] | None = None, title: str = "") -> plt.Figure:
+    def picture(self, modes: list[int] | None = None, title: str = "") -> Figure:
         """Draw the shapes of modes by their numbers (the first six) over the mechanism."""
         return draw_shapes(self.table, chosen_rows(self.table, modes), title)
 
-    def poles(self, title: str = "") -> plt.Figure:
+    def poles(self, title: str = "") -> Figure:
         """Draw the poles in the complex plane."""
         return draw_poles(self.table, title)
 
-    def shares(self, title: str = "") -> plt.Figure | None:
+    def shares(self, title: str = "") -> Figure | None:
         """Draw what viscoelastic layers have of each vibration's loss and energy; None: no body has such layers."""
         return draw_shares(self.table, title)
 

@@ -1,11 +1,14 @@
-"""Where pictures are written, and in which format: PNG, or the format of the suffix that `--output` has."""
+"""Figures, how they are laid out, and where they are written: as PNG, or in the format of the suffix that `--output` has."""
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
-import matplotlib.pyplot as plt
-from matplotlib.ticker import LogFormatterMathtext, ScalarFormatter
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterMathtext
 
 from .result_files import note, writing
 
@@ -13,21 +16,36 @@ FORMATS = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg")
 RAISED = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 
 
-class Plain(ScalarFormatter):
-    """Numbers of an axis as plain text, the power of ten above it with raised digits: to set formulas takes a third of the time."""
+class Drawing(Figure):
+    """A figure that notebooks show. It belongs to no window, unlike those of pyplot, which takes long to load."""
 
-    def __init__(self) -> None:
-        super().__init__(useMathText=False)
-        self.set_powerlimits((-3, 4))
+    def __init__(self, **how: object) -> None:
+        super().__init__(**how, layout="constrained")
 
-    def get_offset(self) -> str:
-        """Return the power of ten, such as ×10⁻⁴."""
-        factor, mark, power = super().get_offset().partition("1e")
-        return f"{factor}×10{power.translate(RAISED)}" if mark else factor
+    def lay_out(self) -> None:
+        """Place what it holds, once: matplotlib would lay out and draw all of it a second time when it is written."""
+        for axis in (one for axes in self.axes for one in (axes.xaxis, axes.yaxis)):
+            if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
+                axis.set_major_formatter(PlainLog())
+            if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
+                axis.set_minor_formatter(PlainLog())
+        if engine := self.get_layout_engine():
+            engine.execute(self)
+            self.set_layout_engine(None)
+
+    def savefig(self, *args: object, **how: object) -> None:
+        """Write it, laid out."""
+        self.lay_out()
+        super().savefig(*args, **how)
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        self.savefig(file, format="png")
+        return file.getvalue()
 
 
 class PlainLog(LogFormatterMathtext):
-    """Numbers of a logarithmic axis as plain text."""
+    """Numbers of a logarithmic axis as plain text: to set formulas takes a third of the time of a picture."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         """Return a number such as 2×10⁻⁴, '' of those that are not written."""
@@ -40,15 +58,12 @@ class PlainLog(LogFormatterMathtext):
         return f"{float(factor):g}×{ten}".replace("-", "−") if abs(float(factor)) != 1.0 else ("−" if x < 0.0 else "") + ten
 
 
-def plain_numbers(figure: plt.Figure) -> None:
-    """Write the numbers of all axes as plain text."""
-    for axis in (one for axes in figure.axes for one in (axes.xaxis, axes.yaxis)):
-        if type(axis.get_major_formatter()) is ScalarFormatter:
-            axis.set_major_formatter(Plain())
-        if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
-            axis.set_major_formatter(PlainLog())
-        if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
-            axis.set_minor_formatter(PlainLog())
+def subplots(
+    rows: int = 1, columns: int = 1, figsize: tuple[float, float] = (8.0, 5.0), **how: object
+) -> tuple[Drawing, Axes | np.ndarray]:
+    """Return a figure and its axes, as the function of pyplot that has this name."""
+    figure = Drawing(figsize=figsize)
+    return figure, figure.subplots(rows, columns, **how)
 
 
 def stem_of(path: Path, suffixes: tuple[str, ...] = FORMATS) -> Path:
@@ -56,29 +71,11 @@ def stem_of(path: Path, suffixes: tuple[str, ...] = FORMATS) -> Path:
     return path.with_suffix("") if path.suffix.lower() in suffixes else path
 
 
-def lay_out(figure: plt.Figure) -> None:
-    """Place what a figure holds, once: matplotlib would lay out and draw all of it a second time when it is written.
-
-    Names of stacked axes are aligned behind that, since each pass compares every axis with all others.
-    """
-    plain_numbers(figure)
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.execute(figure)
-        figure.set_layout_engine(None)
-    for part in figure.subfigs:
-        part.align_ylabels()
-
-
-def save(figure: plt.Figure, path: Path, part: str = "") -> Path:
+def save(figure: Figure, path: Path, part: str = "") -> Path:
     """Write a figure and return its path, with the suffix that is given, else PNG; a part such as `_modes` ends the name."""
     stem = stem_of(path)
     picture = stem.with_name(stem.name + part + (path.name[len(stem.name) :] or ".png"))
-    try:
-        with writing(picture):
-            lay_out(figure)
-            figure.savefig(picture)
-            note(picture)
-    finally:
-        plt.close(figure)
+    with writing(picture):
+        figure.savefig(picture)
+        note(picture)
     return picture

@@ -7,14 +7,13 @@ import re
 from pathlib import Path
 
 import matplotlib as mpl
-
-mpl.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from .histories import Event, History, common_still, read, read_events
-from .picture_files import save
+from .picture_files import save, subplots
 from .result_files import RESULT_FILES, HistoryError
 
 # told apart by colour-blind readers, and in grey by lightness or by line style
@@ -33,6 +32,7 @@ LOOK = {
     "grid.color": "#dddddd",
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
+    "axes.formatter.limits": (-3, 4),
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.prop_cycle": mpl.cycler(color=COLOURS),
@@ -89,7 +89,7 @@ def panels(runs: list[History], names: list[str]) -> list[list[str]]:
 
 def draw(
     runs: list[History], labels: list[str], names: list[str], against: str | None = None, title: str = "", styled: bool = False
-) -> plt.Figure:
+) -> Figure:
     """Return a figure of columns of runs, which all have them, against one (time); HistoryError where a column is missing in a run.
 
     What has the unit of `against` is drawn to its scale. Styled: the line style tells the run and the colour the column, in place
@@ -100,13 +100,11 @@ def draw(
     path = unit_of(runs, abscissa) if against is not None else ""
     columns = 1 if len(groups) <= ONE_COLUMN else 2
     lines = -(-len(groups) // columns)
-    with plt.rc_context(LOOK):
+    with mpl.rc_context(LOOK):
         size = (8.0 if columns == 1 else 12.0, 0.8 + 2.2 * lines)
         if path and len(groups) == 1 and unit_of(runs, groups[0][0]) == path:
             size = _to_scale(runs, groups[0], abscissa)
-        figure = plt.figure(figsize=size, layout="constrained")
-        axes = stacked(figure, len(groups), columns)
-        share_abscissa(axes, axis_label(abscissa, unit_of(runs, abscissa)))
+        figure, axes = stacked(len(groups), columns, size, abscissa=axis_label(abscissa, unit_of(runs, abscissa)))
         for axis, group in zip(axes, groups):
             _panel(axis, runs, labels, group, abscissa, styled)
             _log_scales(axis, runs, group, abscissa)
@@ -116,14 +114,14 @@ def draw(
         if len(runs) > 1:
             looks = [{"color": "#333333" if styled else COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]}
                      for k in range(len(runs))]  # fmt: skip
-            handles = [plt.Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
+            handles = [Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
             figure.legend(handles=handles, loc="outside lower center", ncols=min(len(runs), 4))
         if title:
             figure.suptitle(title)
     return figure
 
 
-def mark_beyond(axis: plt.Axes, along: np.ndarray, values: np.ndarray, colour: str) -> None:
+def mark_beyond(axis: Axes, along: np.ndarray, values: np.ndarray, colour: str) -> None:
     """Mark points above or below an axis, whose ends are set, by triangles at its edge."""
     along, values, (low, high) = np.array(along), np.array(values), axis.get_ylim()
     for beyond, edge, mark in ((values > high, high, "^"), (values < low, low, "v")):
@@ -131,25 +129,22 @@ def mark_beyond(axis: plt.Axes, along: np.ndarray, values: np.ndarray, colour: s
             axis.plot(along[beyond], np.full(beyond.sum(), edge), mark, color=colour, ms=4, clip_on=False, zorder=5)
 
 
-def stacked(figure: plt.Figure, count: int, columns: int, heights: tuple[int, ...] = (1,)) -> list[plt.Axes]:
-    """Return axes, or groups of axes of these heights, in columns that they fill: in a column that has one less they are higher."""
-    axes: list[plt.Axes] = []
-    for k, part in enumerate(np.ravel(figure.subfigures(1, columns))):
-        own = (count + columns - 1 - k) // columns
-        axes += part.subplots(own * len(heights), 1, squeeze=False, height_ratios=heights * own)[:, 0].tolist()
-    return axes
-
-
-def share_abscissa(axes: list[plt.Axes], words: str) -> None:
-    """Give stacked axes one horizontal axis, whose numbers and name stand below the lowest of each column."""
-    for axis in axes:
-        lowest = axis.get_subplotspec().is_last_row()
-        axis.tick_params(labelbottom=lowest)
-        axis.set_xlabel(words if lowest else "")
-        axis.margins(x=0.01)
-        first = next(one for one in axes if one.figure is axis.figure)  # axes of two subfigures that share would draw all again
-        if axis is not first:
-            axis.sharex(first)
+def stacked(
+    count: int, columns: int, figsize: tuple[float, float], heights: tuple[int, ...] = (1,), abscissa: str | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and so many axes, or groups of axes of these heights, in columns; they share the abscissa that is named."""
+    rows = -(-count // columns)
+    figure, grid = subplots(
+        rows * len(heights), columns, figsize, squeeze=False, height_ratios=heights * rows, sharex=abscissa is not None
+    )
+    groups = [group for line in np.split(grid, rows) for group in line.T]
+    for axis in np.ravel(groups[count:]):
+        axis.remove()
+    for group in groups[max(count - columns, 0) : count] if abscissa is not None else ():
+        group[-1].tick_params(labelbottom=True)
+        group[-1].set_xlabel(abscissa)
+        group[-1].margins(x=0.01)
+    return figure, list(np.ravel(groups[:count]))
 
 
 def _to_scale(runs: list[History], group: list[str], abscissa: str) -> tuple[float, float]:
@@ -161,7 +156,7 @@ def _to_scale(runs: list[History], group: list[str], abscissa: str) -> tuple[flo
     return width + 1.2, height + 1.0
 
 
-def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[str], abscissa: str, styled: bool) -> None:
+def _panel(axis: Axes, runs: list[History], labels: list[str], group: list[str], abscissa: str, styled: bool) -> None:
     """Draw one panel: colour tells the run and line style the column, or both one of the two where there is one of the other.
 
     Where it is `styled` the line style tells the run and the colour the column. The figure's legend names the runs.
@@ -179,7 +174,7 @@ def _panel(axis: plt.Axes, runs: list[History], labels: list[str], group: list[s
         if len(runs) > 1:
             looks = [{"color": COLOURS[j % len(COLOURS)]} if styled else {"color": "#333333", "ls": STYLES[j % len(STYLES)]}
                      for j in range(len(group))]  # fmt: skip
-            handles = [plt.Line2D([], [], **look) for look in looks]
+            handles = [Line2D([], [], **look) for look in looks]
         axis.legend(handles, group, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
@@ -196,7 +191,7 @@ def thinned(along: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return along[rows], values[rows]
 
 
-def _log_scales(axis: plt.Axes, runs: list[History], group: list[str], abscissa: str) -> None:
+def _log_scales(axis: Axes, runs: list[History], group: list[str], abscissa: str) -> None:
     """Draw a frequency response on logarithmic axes: frequencies that were spaced so, amplitudes that are never zero."""
     if unit_of(runs, abscissa) != "Hz":
         return
@@ -285,7 +280,7 @@ EVENT_STYLES = {
 }
 
 
-def mark_events(figure: plt.Figure, runs: list[History]) -> int:
+def mark_events(figure: Figure, runs: list[History]) -> int:
     """Mark the events of the runs in all panels by lines that the legend names. Return how many there are."""
     count, seen = 0, set()
     for k, run in enumerate(runs):

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import argparse
 import base64
+import functools
 import io
 import math
-import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Callable
 
 import jinja2
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 from PIL import Image
 
 from . import draw as scene_picture
@@ -22,7 +23,6 @@ from .animate import sheet
 from .deck import Deck, groups_of
 from .histories import History, read, read_summary
 from .mechanism import from_run
-from .picture_files import lay_out
 from .progress import Progress
 from .result_files import RESULT_FILES, HistoryError, note, writing
 
@@ -78,7 +78,7 @@ class Section:
         return self.title.lower().replace(" ", "-")
 
 
-@dataclass
+@dataclass(eq=False)
 class Run:
     """A results folder: its figures, its words, and the files that it has."""
 
@@ -104,6 +104,12 @@ class Run:
         """Whether nothing speaks against its results."""
         return self.ok and not self.figures["warnings"]
 
+    @functools.cached_property
+    def findings(self) -> dict[str, str]:
+        """What a designer asks of it, in words by what it is."""
+        return findings(self)
+
+    @functools.cache  # noqa: B019, of a run that lives as long as its page
     def table(self, kind: str) -> History | None:
         """Return a results file, None where the run has none, or no row of it."""
         if not (self.folder / RESULT_FILES[kind]).is_file():
@@ -123,16 +129,14 @@ def load(folder: Path, label: str, start: float = -math.inf, end: float = math.i
     return Run(folder, read_summary(folder), label, start, end)
 
 
-def embed(figure: plt.Figure, caption: str) -> Picture:
+def embed(figure: Figure, caption: str) -> Picture:
     """Return a figure as SVG, or as PNG where it has very many points."""
     points = sum(len(line.get_xdata(orig=False)) for axis in figure.axes for line in axis.lines)
     kind, name = ("png", "png") if points > MOST_POINTS else ("svg", "svg+xml")
     file = io.BytesIO()
-    with plt.rc_context({"svg.fonttype": "path", "savefig.dpi": 150}):
-        lay_out(figure)
+    with mpl.rc_context({"svg.fonttype": "path", "savefig.dpi": 150}):
         figure.savefig(file, format=kind)
     width = round(PIXELS * figure.get_figwidth())
-    plt.close(figure)
     return Picture(f"data:image/{name};base64,{base64.b64encode(file.getvalue()).decode()}", caption, width)
 
 
@@ -176,28 +180,6 @@ def findings(run: Run) -> dict[str, str]:
     return dict([*found, *engineering.of_modes(run.figures)])
 
 
-def early(run: Run, found: dict[str, str]) -> list[str]:
-    """Return a line that names the findings that are larger in the first turn of a drive than after it, if there are any.
-
-    The motion of a start is not yet that of the machine. Where bodies are free to move beside the drives, it dies out only in time.
-    """
-    motion, model = run.table("motion"), run.figures["model"]
-    if motion is None or not model["degrees_of_freedom"]:
-        return []
-    turn = engineering.first_turn(run.figures["scene"], from_run(motion))
-    over = max(turn, run.start) < min(run.figures["transient"]["reached"], run.end)  # there are later turns
-    later = findings(replace(run, start=max(turn, run.start))) if over else {}
-    times = {name: re.search(r"t = (\S+) s", words) for name, words in found.items()}
-    names = [name for name, time in times.items() if time and float(time[1]) < turn and value(later, name) != value(found, name)]
-    after = f"; --start {turn:.4g} leaves that out" if over else ", of which there is no second one"
-    return [f"{run.label}: in the first turn of a drive{after}, perhaps of the start alone: {', '.join(names)}."] if names else []
-
-
-def value(found: dict[str, str], name: str) -> str:
-    """Return a finding without where and when."""
-    return re.split(r" at | between ", found.get(name, ""))[0]
-
-
 def deck_of(run: Run) -> Deck:
     """Return the deck of a run in numbers, with all included parts."""
     return Deck(run.folder, groups_of(run.figures["groups"]))
@@ -206,10 +188,10 @@ def deck_of(run: Run) -> Deck:
 def results(runs: list[Run]) -> Section:
     """Return warnings first, then the results that a designer asks for, runs side by side, and the moduli of materials."""
     warnings = [Part(heading=f"Warnings: {run.label}", paragraphs=run.figures["warnings"], warning=True) for run in runs]
-    found = [findings(run) for run in runs]
+    found = [run.findings for run in runs]
     names = list(dict.fromkeys(name for one in found for name in one))
     table = [[name, *(one.get(name, "–") for one in found)] for name in names]
-    notes = [words for run, one in zip(runs, found) for words in early(run, one)]
+    notes = []
     if math.isfinite(runs[0].start) or math.isfinite(runs[0].end):
         notes.append(f"Rows from {max(runs[0].start, 0.0):g} s to {runs[0].end:g} s count.".replace("to inf s", "on"))
     pictures, drawn_moduli = [], []
@@ -449,7 +431,7 @@ def report(
         raise HistoryError(f"{len(labels)} labels for {len(folders)} runs: one each expected")
     runs = [load(*found, start, end) for found in zip(folders, labels)]
     title = title or " – ".join(dict.fromkeys(run.figures["title"] or run.figures["deck"] for run in runs))
-    return Report(page(runs, title, study), {run.label: findings(run) for run in runs})
+    return Report(page(runs, title, study), {run.label: run.findings for run in runs})
 
 
 def work(args: argparse.Namespace) -> int:

@@ -19,7 +19,7 @@ from .sweep_study import Study, StudyOptions
 from .sweep_work import prepare, tell, write_table
 
 if TYPE_CHECKING:
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
 
 class FailedDesignError(BielaError):
@@ -100,7 +100,7 @@ class Sensitivity(Tabular):
             lines.append(f"  {scalar.name} = {value:.6g} {self.units[k]}".rstrip() + f" (error of the run {error:.1e})")
         return lines + lines_of(self.study, self.space, self.rows, self.units)
 
-    def picture(self) -> plt.Figure:
+    def picture(self) -> Figure:
         """Draw the changes by the spread of each parameter (a tornado)."""
         from .sweep_picture import tornado
 

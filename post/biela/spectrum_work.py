@@ -6,13 +6,16 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
+from matplotlib import mlab
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from . import fatigue, labels
 from .figures import Tabular
 from .histories import History, read
-from .picture_files import save
+from .picture_files import save, subplots
 from .plot import COLOURS, LOOK, STYLES, axis_label, pretty_unit
 from .result_files import HistoryError
 from .sweep_scalars import orders as orders_of
@@ -40,44 +43,46 @@ def even_samples(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.n
     return even, make_interp_spline(axis, values, k=3)(even)
 
 
+def hann(size: int) -> np.ndarray:
+    """Return a Hann window for what repeats itself behind its last row."""
+    return np.hanning(size + 1)[:-1]
+
+
 def amplitudes(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies (of the axis' unit, 1/axis) and single-sided peak amplitudes, Hann window, trend removed."""
-    from scipy import signal  # takes as long to load as all else: a decay does without
-
-    window = signal.windows.hann(values.size, sym=False)
-    size = 2.0 * np.abs(np.fft.rfft(signal.detrend(values) * window)) / window.sum()
+    window = hann(values.size)
+    size = 2.0 * np.abs(np.fft.rfft(mlab.detrend_linear(values) * window)) / window.sum()
     size[0] /= 2.0
     return np.fft.rfftfreq(values.size, axis[1] - axis[0]), size
 
 
 def density(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies and power spectral density (Welch, eight overlapping Hann windows, trend removed)."""
-    from scipy import signal
-
-    length = max(LEAST_ROWS, 2 * values.size // 9)
-    return signal.welch(values, 1.0 / (axis[1] - axis[0]), nperseg=min(length, values.size), detrend="linear")
+    length = min(max(LEAST_ROWS, 2 * values.size // 9), values.size)
+    how = dict(NFFT=length, Fs=1.0 / (axis[1] - axis[0]), window=hann(length), noverlap=length // 2, detrend="linear")
+    power, frequency = mlab.psd(values, **how)
+    return frequency, power
 
 
 def peaks(size: np.ndarray, most: int) -> list[int]:
     """Return the indices of the largest peaks; left out are drifts, shoulders, and peaks below a hundredth of the largest."""
-    from scipy import signal
+    rows = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
+    rows = rows[(rows >= LEAST_PERIODS) & (size[rows] >= 0.01 * size[1:].max(initial=0.0))]
 
-    found, of = signal.find_peaks(size, height=0.01 * size[1:].max() if size.size > 1 else 0.0, prominence=0.0)
-    found = found[(found >= LEAST_PERIODS) & (of["prominences"] >= RESOLVED * size[found])]
-    return sorted(sorted(found, key=lambda k: -size[k])[:most])
+    def valley(k: int, side: np.ndarray) -> float:
+        higher = np.flatnonzero(side > size[k])
+        return side[: higher[0] if higher.size else None].min()
+
+    rows = [k for k in rows if max(valley(k, size[:k][::-1]), valley(k, size[k + 1 :])) <= (1.0 - RESOLVED) * size[k]]
+    return sorted(sorted(rows, key=lambda k: -size[k])[:most])
 
 
 def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return frequencies, times and amplitudes (frequencies, times) of overlapping windows, a twelfth of the run long."""
-    from scipy import signal
-
     length = max(LEAST_ROWS, values.size // 12)
-    step = axis[1] - axis[0]
-    transform = signal.ShortTimeFFT(signal.windows.hann(length, sym=False), max(1, length // 8), 1.0 / step, scale_to="magnitude")
-    spectrum = 2.0 * np.abs(transform.stft_detrend(values, "linear"))
-    times = axis[0] + transform.t(values.size)
-    inside = (times >= axis[0] + 0.5 * length * step) & (times <= axis[-1] - 0.5 * length * step)
-    return transform.f, times[inside], spectrum[:, inside]
+    how = dict(NFFT=length, window=hann(length), noverlap=length - max(1, length // 8), detrend="linear", mode="magnitude")
+    size, frequency, times = mlab.specgram(values, Fs=1.0 / (axis[1] - axis[0]), **how)
+    return frequency, axis[0] + times, 2.0 * size
 
 
 def turning_points(values: np.ndarray, least: float) -> np.ndarray:
@@ -167,7 +172,7 @@ class Spectrum(Tabular):
         size = np.maximum(amplitudes, 1.0e-300)
         return 20.0 * np.log10(size / np.sqrt(2.0) / self.reference) if self.reference else amplitudes
 
-    def picture(self) -> plt.Figure:
+    def picture(self) -> Figure:
         """Draw amplitude and density of every column."""
         return draw_spectrum(self)
 
@@ -221,13 +226,13 @@ def spectrum(
     return found
 
 
-def draw_spectrum(found: Spectrum) -> plt.Figure:
+def draw_spectrum(found: Spectrum) -> Figure:
     """Return a figure of amplitude, or level, and density of every column, with its lines and their errors."""
     names, unit = list(found.units), found.unit
     across = 2 if found.densities else 1
-    with plt.rc_context(LOOK):
+    with mpl.rc_context(LOOK):
         size = (11.0 if across > 1 else 8.0, 0.8 + 2.6 * len(names))
-        figure, axes = plt.subplots(len(names), across, figsize=size, squeeze=False, layout="constrained")
+        figure, axes = subplots(len(names), across, figsize=size, squeeze=False)
         for line, name in zip(axes, names):
             of, mine = found.units[name], [one for one in found.lines if one.column == name]
             frequency, size = found.amplitudes[name]
@@ -254,13 +259,12 @@ def draw_spectrum(found: Spectrum) -> plt.Figure:
             if found.densities:
                 _draw_density(line[1], *found.densities[name], found, name, line[0].get_xlim())
         for axis, name in zip(axes[:, 0], names):
-            mine = [one for one in found.lines if one.column == name]
-            tops = [np.array([one.frequency, found.level(one.amplitude)]) for one in mine]
-            labels.write(axis, [labels.Label(top, found.place(one, 4), "black") for top, one in zip(tops, mine)])
+            tops = [(one.frequency, found.level(one.amplitude), found.place(one, 4)) for one in found.lines if one.column == name]
+            labels.write(axis, [labels.Label(np.array(top), words, "black") for *top, words in tops])
     return figure
 
 
-def _draw_density(axis: plt.Axes, band: np.ndarray, power: np.ndarray, found: Spectrum, name: str, limits: tuple) -> None:
+def _draw_density(axis: Axes, band: np.ndarray, power: np.ndarray, found: Spectrum, name: str, limits: tuple) -> None:
     """Draw the power spectral density of a column."""
     of, unit = found.units[name], found.unit
     axis.semilogy(band[1:], np.maximum(power[1:], power[1:].max() * 1.0e-12 or 1.0e-300), color=COLOURS[0])
@@ -274,19 +278,19 @@ def _draw_density(axis: plt.Axes, band: np.ndarray, power: np.ndarray, found: Sp
         axis.set_ylim(0.5 * max(seen.min(), seen.max() * 1.0e-12), 3.0 * seen.max())
 
 
-def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
+def draw_waterfall(run: History, name: str, speed: str | None) -> Figure:
     """Return a figure of amplitudes over frequency and time, or over the speed of a drive."""
     axis, values = even_samples(run.time, run[name])
-    frequency, times, size = waterfall(axis, values)
-    if not times.size:
+    if axis.size <= LEAST_ROWS:
         raise HistoryError(f"{axis.size} rows: {LEAST_ROWS + 1} or more are needed for a waterfall")
+    frequency, times, size = waterfall(axis, values)
     across, label = times, "t [s]"
     if speed:
         across, label = np.interp(times, run.time, run[speed]), run.label(speed)
         if np.any(np.diff(across) <= 0.0) and np.any(np.diff(across) >= 0.0):
             raise HistoryError(f"{run.path}: {speed} has to rise or to fall throughout")
-    with plt.rc_context(LOOK | {"axes.grid": False}):
-        figure, ax = plt.subplots(figsize=(8.0, 5.0), layout="constrained")
+    with mpl.rc_context(LOOK | {"axes.grid": False}):
+        figure, ax = subplots(figsize=(8.0, 5.0))
         level = 20.0 * np.log10(np.maximum(size, size.max() * 1.0e-5 or 1.0e-300))
         shades = ax.pcolormesh(across, frequency, level, shading="nearest", cmap="viridis", rasterized=True)
         figure.colorbar(shades, label=f"amplitude of {name} [dB re 1 {pretty_unit(run.units[name])}]")
@@ -296,10 +300,10 @@ def draw_waterfall(run: History, name: str, speed: str | None) -> plt.Figure:
     return figure
 
 
-def draw_decay(run: History, names: list[str]) -> plt.Figure:
+def draw_decay(run: History, names: list[str]) -> Figure:
     """Return a figure of columns with the envelope of their decay, and print decrement and damping ratio."""
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(len(names), 1, figsize=(8.0, 0.8 + 2.6 * len(names)), squeeze=False, layout="constrained")
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(len(names), 1, figsize=(8.0, 0.8 + 2.6 * len(names)), squeeze=False)
         for axis, name in zip(axes[:, 0], names):
             time, values = even_samples(run.time, run[name])
             turns, found = decay(time, values)

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
 from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from .derivatives import rows_of
 from .design_runs import Design, Space
 from .optimum import Optimum
-from .picture_files import save
+from .picture_files import save, subplots
 from .plot import COLOURS, LOOK, axis_label, mark_beyond, pretty_unit, stacked
 from .quantiles import Quantile
 from .sweep_study import Study
@@ -35,9 +37,9 @@ def draw(
     groups: dict[object, list[int]] = {}  # orders of one column share a panel
     for result, scalar in zip(results, study.scalars):
         groups.setdefault((scalar.column, scalar.reference) if scalar.measure == "order" else result, []).append(result)
-    with plt.rc_context(LOOK):
+    with mpl.rc_context(LOOK):
         size = 1.5 + 5.0 * len(free) + 1.5 * (len(free) == 1), 0.8 + 2.4 * len(groups)
-        figure, axes = plt.subplots(len(groups), len(free), figsize=size, squeeze=False, layout="constrained")
+        figure, axes = subplots(len(groups), len(free), figsize=size, squeeze=False)
         for line, group in zip(axes, groups.values()):
             for axis, k in zip(line, free):
                 for colour, result in zip(COLOURS * len(group), group):
@@ -58,7 +60,7 @@ def draw(
     return [save(figure, folder / "curves")]
 
 
-def _shade_unstable(axis: plt.Axes, study: Study, rows: list[list], k: int) -> None:
+def _shade_unstable(axis: Axes, study: Study, rows: list[list], k: int) -> None:
     """Shade the values of a parameter whose cycles are not stable, where a result says so."""
     own = len(study.parameters)
     of = [own + j for j, one in enumerate(study.scalars) if one.key == "periodic.largest_multiplier"]
@@ -75,8 +77,8 @@ def _shade_unstable(axis: plt.Axes, study: Study, rows: list[list], k: int) -> N
 def draw_distributions(study: Study, header: list[str], rows: list[list], quantiles: list[Quantile], limits, folder: Path) -> Path:
     """Draw which share of random designs has at most each value of each result, with the quantiles and their intervals."""
     own, count = len(study.parameters), len(study.scalars)
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(count, 1, figsize=(8.0, 0.8 + 2.4 * count), squeeze=False, layout="constrained")
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(count, 1, figsize=(8.0, 0.8 + 2.4 * count), squeeze=False)
         for k, (axis, scalar) in enumerate(zip(axes[:, 0], study.scalars)):
             values = np.sort([row[own + k] for row in rows if not row[-1]])
             values = values[np.isfinite(values)]
@@ -95,12 +97,12 @@ def draw_distributions(study: Study, header: list[str], rows: list[list], quanti
     return save(figure, folder / "distributions")
 
 
-def draw_identified(study: Study, best: Design, units: list[str]) -> plt.Figure:
+def draw_identified(study: Study, best: Design, units: list[str]) -> Figure:
     """Return a figure of what was measured and of the model (of a response the amplitude), and of their differences."""
     misfits = [(one, unit) for one, unit in zip(study.scalars, units) if one.measure == "misfit"]
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(2 * len(misfits), 1, figsize=(8.0, 0.8 + 4.0 * len(misfits)), squeeze=False, sharex="col",
-                                    height_ratios=(3, 2) * len(misfits), layout="constrained")  # fmt: skip
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(2 * len(misfits), 1, figsize=(8.0, 0.8 + 4.0 * len(misfits)), squeeze=False, sharex="col",
+                                    height_ratios=(3, 2) * len(misfits))  # fmt: skip
         for (upper, lower), (one, unit), found in zip(axes.reshape(-1, 2), misfits, best.differences):
             at, *parts = map(np.array, one.measured)
             inside = (at >= one.start) & (at <= one.end)
@@ -144,8 +146,8 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
         return pretty_unit(header[column].replace("[", " ["))
 
     values = table(result)
-    with plt.rc_context(LOOK | {"axes.grid": False}):
-        figure, axis = plt.subplots(figsize=(7.0, 5.2), layout="constrained")
+    with mpl.rc_context(LOOK | {"axes.grid": False}):
+        figure, axis = subplots(figsize=(7.0, 5.2))
         shades = axis.pcolormesh(x, y, np.ma.masked_invalid(values), shading="nearest", cmap="viridis")
         if min(values.shape) > 2 and np.isfinite(values).all():
             lines = axis.contour(x, y, values, colors="black", linewidths=0.9)
@@ -191,7 +193,7 @@ def draw_search(found: Optimum) -> list[Path]:
     return paths
 
 
-def history(found: Optimum) -> plt.Figure:
+def history(found: Optimum) -> Figure:
     """Draw objective, limits and free parameters of each run in its order."""
     goal, made, names = found.goal, found.made, found.names
     number = np.arange(1, len(made) + 1)
@@ -201,8 +203,8 @@ def history(found: Optimum) -> plt.Figure:
     units = [one.unit for one in found.study.parameters] + found.units
     limits = {limit.column: limit for limit in goal.limits if limit.bound != 0.0}
     panels = 1 + bool(limits) + bool(found.space.free)
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(panels, 1, figsize=(8.0, 1.2 + 2.1 * panels), sharex=True, squeeze=False, layout="constrained")
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(panels, 1, figsize=(8.0, 1.2 + 2.1 * panels), sharex=True, squeeze=False)
         top, rest = axes[0, 0], list(axes[1:, 0])
         objective = values[:, goal.column]
         top.plot(
@@ -247,14 +249,14 @@ def history(found: Optimum) -> plt.Figure:
     return figure
 
 
-def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: str) -> plt.Figure:
+def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: str) -> Figure:
     """Draw by how much each result changes where each parameter changes by its spread, with errors, the largest on top."""
     free, unit_of = len(space.free), {one.name: one.unit for one in space.free}
     wide = min(len(study.scalars), 2)
     tall = -(-len(study.scalars) // wide)
-    with plt.rc_context(LOOK):
-        figure = plt.figure(figsize=(4.6 * wide, 0.9 + tall * (0.9 + 0.3 * free)), layout="constrained")
-        for k, (axis, scalar) in enumerate(zip(stacked(figure, len(study.scalars), wide), study.scalars)):
+    with mpl.rc_context(LOOK):
+        figure, axes = stacked(len(study.scalars), wide, (4.6 * wide, 0.9 + tall * (0.9 + 0.3 * free)))
+        for k, (axis, scalar) in enumerate(zip(axes, study.scalars)):
             part = [row for row in rows if row[0] == scalar.name][::-1]
             changes = np.nan_to_num([row[6] for row in part])
             errors = np.nan_to_num([row[7] for row in part])

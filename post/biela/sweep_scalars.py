@@ -357,7 +357,7 @@ def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, e
 
 
 def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: bool) -> Measured:
-    tables = {one.file: read(folder, one.file, fast=True) for one in scalars if not one.of_summary and not one.mode}
+    tables = {one.file: read(folder, one.file) for one in scalars if not one.of_summary and not one.mode}
     found = Measured([], [], [], [], [])
     if numbers_of_modes := [one.mode for one in scalars if one.mode]:
         found.modes.extend(_modes(folder, 2 * max(numbers_of_modes) + FURTHER))

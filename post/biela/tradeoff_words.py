@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 import textwrap
 
-import matplotlib.pyplot as plt
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from .picture_files import subplots
 from .plot import COLOURS, LOOK, STYLES, mark_beyond
 from .tradeoff_settings import FAMILIES
 from .tradeoff_work import FULL, Point, Tradeoff
@@ -108,14 +111,14 @@ def table(found: Tradeoff) -> str:
     return "\n".join(lines) + "\n"
 
 
-def picture(found: Tradeoff) -> plt.Figure:
+def picture(found: Tradeoff) -> Figure:
     """Draw error against seconds: colour and mark tell the method, line style the model; open marks are below the uncertainty."""
     unsure = found.uncertainty if math.isfinite(found.uncertainty) else 0.0
     floor = max(0.5 * unsure, 1.0e-16)
     last = found.chosen.model if found.chosen else ""
     models = list(dict.fromkeys(["", last]))
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(figsize=(8.0, 6.4), layout="constrained")
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(figsize=(8.0, 6.4))
         lines = []
         for style, model in zip(STYLES, models):
             for k, family in enumerate(FAMILIES):
@@ -127,7 +130,7 @@ def picture(found: Tradeoff) -> plt.Figure:
                     fill = ["white" if p.error < unsure else COLOURS[k] for p in mine]
                     axes.scatter(x, y, marker=MARKS[family], c=fill, edgecolors=COLOURS[k], s=22, zorder=3)
         families = {p.setting.family for p in found.points}
-        lines += [plt.Line2D([], [], color=COLOURS[k], marker=MARKS[family], ms=5, label=family)
+        lines += [Line2D([], [], color=COLOURS[k], marker=MARKS[family], ms=5, label=family)
                   for k, family in enumerate(FAMILIES) if family in families]  # fmt: skip
         front = sorted((found.points[k].seconds, max(found.points[k].error, floor)) for k in pareto(found.points))
         front = [(s, e) for s, e in front if e < TALLEST]
@@ -142,7 +145,7 @@ def picture(found: Tradeoff) -> plt.Figure:
                 lines += axes.plot(point.seconds, max(point.error, floor), mark, ms=size, mec="white", label=label, zorder=4)
         for style, model in zip(STYLES, models):
             words = "\n".join(textwrap.wrap(model_words(model).removeprefix("the "), 58))
-            lines.append(plt.Line2D([], [], color="0.3", ls=style, label=words))
+            lines.append(Line2D([], [], color="0.3", ls=style, label=words))
         heights = [y for line in axes.lines for y in line.get_ydata() if floor <= y < TALLEST]
         axes.set_ylim(0.5 * min(heights, default=floor), 2.0 * max(heights, default=1.0))
         for k, family in enumerate(FAMILIES):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import random_scenes
@@ -33,7 +32,6 @@ def test_all_names_are_drawn(name, biela):
     for x, y in shown + [wall for stop in figures["scene"]["stops"] for wall in draw.walls(stop)]:
         assert axis.get_xlim()[0] < x < axis.get_xlim()[1]
         assert axis.get_ylim()[0] < y < axis.get_ylim()[1]
-    plt.close(figure)
 
 
 def test_layers_are_drawn_to_one_scale_where_they_are(biela):
@@ -48,7 +46,6 @@ def test_layers_are_drawn_to_one_scale_where_they_are(biela):
     assert scale > 1.0
     np.testing.assert_allclose([np.min(tape, axis=(0, 1))[0], np.max(tape, axis=(0, 1))[0]], [0.15, 0.45], rtol=1e-9)
     np.testing.assert_allclose([np.min(tape, axis=(0, 1))[1], np.max(tape, axis=(0, 1))[1]], [2e-3 * scale, 2.1e-3 * scale])
-    plt.close(figure)
 
 
 SHIPPED = sorted(path.stem for path in (ROOT / "input").glob("*.nml"))
@@ -106,4 +103,3 @@ def test_a_drive_along_a_line_is_an_arrow_that_way(biela, tmp_path):
     (arrow,) = [one for one in arrows if one.arrow_patch.get_edgecolor()[:3] == to_rgb(draw.DRIVE)]
     along = np.subtract(arrow.xy, arrow.xyann)
     assert np.arctan2(along[1], along[0]) == pytest.approx(0.5)
-    plt.close(figure)

@@ -363,4 +363,3 @@ def test_every_temperature_of_a_fit_is_named():
         words = figure.axes[0].get_legend().get_texts() if count < 8 else figure.axes[3].get_yticklabels()
         shown = [text.get_text() for text in words]
         assert [word for word in shown if word.endswith(" C")] == names
-        fit_material.plt.close(figure)

@@ -7,7 +7,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import biela as package
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from biela import fatigue, quantiles, study_runs, sweep_study
@@ -102,7 +101,7 @@ def test_intervals_hold_what_was_planted_in_95_of_100_draws(tmp_path, stated):
         (('measure = "misfit"', 'measure = "peak"'), "data belongs to measure = 'misfit'"),
         (('"ring_down.csv"', '"none.csv"'), "none.csv: no such file"),
         (('column = "turn"', 'column = "turning"'), "no column 'turning'"),
-        (('deck = ', 'runs = 20\ndeck = '), "runs = 20 are too few"),
+        (("deck = ", "runs = 20\ndeck = "), "runs = 20 are too few"),
     ],
 )
 def test_what_cannot_be_identified_is_told(tmp_path, change, told):
@@ -129,7 +128,6 @@ def test_a_response_differs_by_both_its_parts():
     np.testing.assert_allclose([line.get_ydata()[0] for line in lower.lines], [-3.0e-3, 4.0e-3])
     shown = upper.get_ylabel(), lower.get_ylabel(), lower.get_xlabel()
     assert shown == ("tip, amplitude [m]", "model less measured [m]", "f [Hz]")
-    plt.close(figure)
     with pytest.raises(ValueError, match=r"tip runs from 1 to 4\.9397, which is not where it was measured"):
         scalar.of(f[:17], response[:17])
 

@@ -135,7 +135,6 @@ def test_panels_that_a_sheet_does_not_need_are_empty():
     assert len(figure.axes) > count
     assert figure.get_suptitle() == "deflections × 3"
     assert figure.axes[count - 1].texts[-1].get_text() == "t = 1 s"
-    animate.plt.close(figure)
 
 
 def test_a_film_that_cannot_be_written_is_told(tmp_path, monkeypatch):
@@ -157,11 +156,10 @@ def test_a_contact_between_two_pictures_is_seen():
     stop = Stop(Marker(ball, None, np.zeros(2)), Marker(None, None, np.zeros(2)), 0.0, 0.0, None, struck=np.array([4.2, 4.3]))
     scene = Mechanism(time, {"ball": ball}, stops=[stop])
     assert animate.snapshot_rows(scene, 4).tolist() == [0, 5, 8, 12]
-    picture = animate.Picture(animate.plt.figure().gca(), scene)
+    picture = animate.Picture(animate.subplots()[1], scene)
     for since, row, touched in ((0, 4, False), (4, 8, True), (8, 12, False)):
         picture.show(row, since)
         assert (len(picture.touched[0].get_xdata()) > 0) is touched
-    animate.plt.close("all")
 
 
 def test_limits_of_an_angle_stand_about_the_joint_of_both_bodies():

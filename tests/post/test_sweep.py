@@ -179,7 +179,7 @@ def test_a_column_that_is_missing_is_the_reason_of_each_run(study):
 
 def test_numbers_are_read_as_float_reads_them(run_deck):
     run = run_deck(ROOT / "input" / "slider_crank_viscoelastic.nml")
-    found = read(run.folder, fast=True)
+    found = read(run.folder)
     assert (found.names, found.units) == (run.history.names, run.history.units)
     np.testing.assert_allclose(found.data, run.history.data, rtol=5.0e-16, atol=0.0)
 

@@ -22,7 +22,6 @@ def drawn(tmp_path, monkeypatch, rows: list[list], *parameters: sweep_study.Para
     monkeypatch.setattr(sweep_picture, "save", save)
     study = sweep_study.Study("s", tmp_path / "a.nml", parameters, (Scalar("peak", "peak", "tip.v"),), ())
     sweep_picture.draw(study, [*(one.label for one in parameters), "peak[m]", "failure"], rows, tmp_path, **marks)
-    sweep_picture.plt.close("all")
     return found
 
 
@@ -64,13 +63,11 @@ def test_unstable_cycles_are_shaded_and_orders_share_a_panel(tmp_path, monkeypat
     for axis in (upper, lower):
         (patch,) = axis.patches
         assert (patch.get_x(), patch.get_x() + patch.get_width()) == (0.5, 1.5)
-    sweep_picture.plt.close("all")
 
 
 def test_values_beyond_an_axis_are_marked_at_its_edge():
-    _, axis = sweep_picture.plt.subplots()
+    _, axis = sweep_picture.subplots()
     axis.set_ylim(0.0, 1.0)
     plot.mark_beyond(axis, [1.0, 2.0, 3.0, 4.0], [0.5, 7.0, -2.0, np.nan], "black")
     assert [(line.get_marker(), line.get_xydata().tolist()) for line in axis.lines] == [("^", [[2.0, 1.0]]), ("v", [[3.0, 0.0]])]
     assert axis.get_ylim() == (0.0, 1.0)
-    sweep_picture.plt.close("all")
