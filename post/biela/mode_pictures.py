@@ -209,7 +209,7 @@ def draw_shares(table: History, title: str = "") -> Figure | None:
     return figure
 
 
-def draw_slip(table: History, rows: list[int], title: str = "") -> plt.Figure | None:
+def draw_slip(table: History, rows: list[int], title: str = "") -> Figure | None:
     """Return a figure of how the cores of beams shear along them in the modes of the given rows; None where there are no cores."""
     cores: dict[tuple[str, str], list[str]] = {}
     for found in filter(None, map(SLIP.fullmatch, table.names)):
@@ -217,8 +217,8 @@ def draw_slip(table: History, rows: list[int], title: str = "") -> plt.Figure | 
     if not cores:
         return None
     rest = dict(zip(shapes(table)[0], positions(table.path)))
-    with plt.rc_context(LOOK):
-        figure, axes = plt.subplots(len(cores), 1, figsize=(7.2, 1.0 + 2.4 * len(cores)), squeeze=False, layout="constrained")
+    with mpl.rc_context(LOOK):
+        figure, axes = subplots(len(cores), 1, figsize=(7.2, 1.0 + 2.4 * len(cores)), squeeze=False)
         for axis, ((body, core), names) in zip(axes[:, 0], cores.items()):
             nodes = np.array([[rest[f"{body}.{k}.{x}"] for x in "xy"] for k in range(1, len(names) + 1)])
             along = np.cumsum([0.0, *np.hypot(*np.diff(nodes, axis=0).T)])
@@ -307,7 +307,7 @@ class Modes:
         """Draw what viscoelastic layers have of each vibration's loss and energy; None: no body has such layers."""
         return draw_shares(self.table, title)
 
-    def slip(self, modes: list[int] | None = None, title: str = "") -> plt.Figure | None:
+    def slip(self, modes: list[int] | None = None, title: str = "") -> Figure | None:
         """Draw how cores shear along their beams in modes by their numbers (the first six); None: no body has cores."""
         return draw_slip(self.table, chosen_rows(self.table, modes), title)
 

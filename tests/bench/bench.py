@@ -164,9 +164,7 @@ def rods(table, quick):
     table.head("slider-crank's rod, rk4 with projection; shares of a step; floor: 4 (2 DPBTRS + 3 DSBMV) of the rod's size")
     for elements in (2, 8, 32, 128, 512, 2048)[: 4 if quick else 6]:
         run = scenes.transient(scenes.explicit_step(elements), 20_000)
-        jobs = [
-            (f"rod{elements}_{t}", scenes.slider_crank(elements, run, t), 3 + (0.23 + 0.04 * t) * elements) for t in TERMS
-        ]
+        jobs = [(f"rod{elements}_{t}", scenes.slider_crank(elements, run, t), 3 + (0.23 + 0.04 * t) * elements) for t in TERMS]
         for terms, parts in zip(TERMS, measure(jobs)):
             found[elements, terms] = parts
             table.scene(f"{elements} elements, {terms} terms", parts, elements, "element")
@@ -284,8 +282,11 @@ def milliseconds(runs):
 def verdicts(table, rod, rigid, flexible, dense):
     """Growth exponents and the figures to watch."""
     table.add()
-    for name, found, first in (("elements", {e: p for (e, t), p in rod.items() if t == 0}, 32), ("rigid links", rigid, 32),
-                               ("flexible links", flexible, 32)):
+    for name, found, first in (
+        ("elements", {e: p for (e, t), p in rod.items() if t == 0}, 32),
+        ("rigid links", rigid, 32),
+        ("flexible links", flexible, 32),
+    ):
         sizes = [s for s in sorted(found) if s >= first]
         if len(sizes) > 1:
             exponent = growth(sizes, [found[s]["step"][1] for s in sizes])

@@ -8,10 +8,7 @@ LINK = 0.1  # length of a chain's link [m]
 
 def transient(step, steps, method="rk4", every=None):
     """The group that asks for `steps` steps of `step` [s], rows each `every` steps (None: at both ends only)."""
-    return (
-        f"&transient t_end={steps * step:.12g} method='{method}' step={step:.12g} "
-        f"output_step={(every or steps) * step:.12g} /\n"
-    )
+    return f"&transient t_end={steps * step:.12g} method='{method}' step={step:.12g} output_step={(every or steps) * step:.12g} /\n"
 
 
 def materials(terms, law="ghm"):
@@ -23,10 +20,7 @@ def materials(terms, law="ghm"):
         said = f" ghm_alpha={weights} ghm_zeta={','.join(['1.0'] * terms)} ghm_omega={','.join(f'{x:.6g}' for x in rates)}"
         if law == "maxwell":
             said = f" prony_alpha={weights} prony_tau={','.join(f'{1 / x:.6g}' for x in rates)}"
-    return (
-        f"&material name='rod' density={DENSITY} young={YOUNG}{said} /\n"
-        f"&section name='rod' area={AREA} inertia={INERTIA} /\n"
-    )
+    return f"&material name='rod' density={DENSITY} young={YOUNG}{said} /\n&section name='rod' area={AREA} inertia={INERTIA} /\n"
 
 
 def slider_crank(elements, run, terms=0, modes=0, torque_on_crank=False, law="ghm"):
@@ -115,9 +109,7 @@ def four_bar(run):
     """A driven rigid crank, a viscoelastic coupler of 4 elements, an elastic rocker of 4."""
     body = "kind='beam' elements=4 material='rod' section='rod' reference='pinned'"
     return (
-        "&scene title='four-bar' gravity=0.0,-9.81 /\n"
-        + materials(1)
-        + "&material name='steel' density=7850.0 young=2.1e11 /\n"
+        "&scene title='four-bar' gravity=0.0,-9.81 /\n" + materials(1) + "&material name='steel' density=7850.0 young=2.1e11 /\n"
         "&body name='crank' kind='rigid' mass=0.2 inertia=2.0e-4 com=0.05,0.0 angle=1.5707963267948966 /\n"
         f"&body name='coupler' {body} length=0.3 position=0.0,0.1 angle=0.3398369094541219 /\n"
         f"&body name='rocker' {body.replace(chr(39) + 'rod' + chr(39), chr(39) + 'steel' + chr(39), 1)} "

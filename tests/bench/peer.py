@@ -59,7 +59,8 @@ def slider_crank(model, steps):
     basis = f" modes={modes}" if modes else ""
     step = peer_scene.END / steps
     return (
-        "&scene title='slider-crank' /\n" + scenes.materials(0)
+        "&scene title='slider-crank' /\n"
+        + scenes.materials(0)
         + f"&body name='rod' kind='beam' length={peer_scene.LENGTH} elements={elements} material='rod' section='rod' "
         f"position={x:.16g},{y:.16g} angle={peer_scene.rod_angle():.16g} reference='pinned'{basis} /\n"
         f"&joint name='crank' type='distance' body_a='rod' node_a=1 point_b=0.0,0.0 length={peer_scene.CRANK} /\n"
@@ -378,7 +379,8 @@ def main():
     report.add("seconds of the processor; us/step from the solver alone")
     fine = [POINTS * 2**k for k in range(2, 9)]
     two = compare(
-        report, "two elements, each program's own converged two-element run is its reference",
+        report,
+        "two elements, each program's own converged two-element run is its reference",
         {
             "biela, nodal, rk4": ("biela", run_biela, (2, "rk4", 0), fine),
             "biela, nodal, generalized_alpha": ("biela", run_biela, (2, "generalized_alpha", 0), fine),
@@ -387,7 +389,8 @@ def main():
         {"biela": (run_biela, (2, "rk4", 0), POINTS * 2**10), "exudyn": (run_exudyn, ("cable", 2), POINTS * 2**14)},
     )
     frame = compare(
-        report, "two elements, floating frames (the same Hermite functions in both)",
+        report,
+        "two elements, floating frames (the same Hermite functions in both)",
         {
             "biela, nodal, rk4": ("biela", run_biela, (2, "rk4", 0), fine),
             "exudyn, floating frame": ("exudyn", run_exudyn, ("frame", 2), fine[:6]),
@@ -395,7 +398,8 @@ def main():
         {"biela": (run_biela, (2, "rk4", 0), POINTS * 2**10), "exudyn": (run_exudyn, ("frame", 2), POINTS * 2**9)},
     )
     many = compare(
-        report, "32 elements: each program free to choose its model, its converged run of 32 elements is its reference",
+        report,
+        "32 elements: each program free to choose its model, its converged run of 32 elements is its reference",
         free_models(fine),
         {"biela": (run_biela, (32, "rk4", 0), POINTS * 3200), "exudyn": (run_exudyn, ("cable", 32), POINTS * 2**11)},
     )

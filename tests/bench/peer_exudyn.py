@@ -63,8 +63,12 @@ def cable(mbs, elements):
     for k in range(elements):
         mbs.AddObject(
             ObjectANCFCable2D(
-                physicsLength=LENGTH / elements, physicsMassPerLength=DENSITY * AREA, physicsBendingStiffness=YOUNG * INERTIA,
-                physicsAxialStiffness=YOUNG * AREA, nodeNumbers=nodes[k:k + 2], useReducedOrderIntegration=True,
+                physicsLength=LENGTH / elements,
+                physicsMassPerLength=DENSITY * AREA,
+                physicsBendingStiffness=YOUNG * INERTIA,
+                physicsAxialStiffness=YOUNG * AREA,
+                nodeNumbers=nodes[k : k + 2],
+                useReducedOrderIntegration=True,
             )
         )
     crank(mbs, mbs.AddMarker(MarkerNodePosition(nodeNumber=nodes[0])))
@@ -91,8 +95,8 @@ def lobatto(elements):
     inner = math.sqrt(3 / 7) / 2
     places, weights = np.zeros(4 * elements + 1), np.zeros(4 * elements + 1)
     for e in range(elements):
-        places[4 * e:4 * e + 5] = e + np.array([0, 0.5 - inner, 0.5, 0.5 + inner, 1])
-        weights[4 * e:4 * e + 5] += np.array([1 / 20, 49 / 180, 16 / 45, 49 / 180, 1 / 20]) / elements
+        places[4 * e : 4 * e + 5] = e + np.array([0, 0.5 - inner, 0.5, 0.5 + inner, 1])
+        weights[4 * e : 4 * e + 5] += np.array([1 / 20, 49 / 180, 16 / 45, 49 / 180, 1 / 20]) / elements
     return places, DENSITY * AREA * LENGTH * weights
 
 
@@ -118,7 +122,10 @@ def hermite(elements, places):
         t = x - e
         psi[3 * k, [3 * e, 3 * e + 3]] = 1 - t, t
         psi[3 * k + 1, [3 * e + 1, 3 * e + 2, 3 * e + 4, 3 * e + 5]] = (
-            1 - 3 * t**2 + 2 * t**3, h * (t - 2 * t**2 + t**3), 3 * t**2 - 2 * t**3, h * (t**3 - t**2),
+            1 - 3 * t**2 + 2 * t**3,
+            h * (t - 2 * t**2 + t**3),
+            3 * t**2 - 2 * t**3,
+            h * (t**3 - t**2),
         )
     kept = [k for k in range(n) if k not in (0, 1, n - 2)]
     return psi[:, kept], stiff[np.ix_(kept, kept)]
@@ -139,8 +146,11 @@ def frame(mbs, elements):
     angle = rod_angle()
     c, s = math.cos(angle), math.sin(angle)
     made = cms.AddObjectFFRFreducedOrder(
-        mbs, positionRef=[*crank_end(), 0], initialVelocity=[0, 0, 0],
-        rotationMatrixRef=np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), initialAngularVelocity=[0, 0, 0],
+        mbs,
+        positionRef=[*crank_end(), 0],
+        initialVelocity=[0, 0, 0],
+        rotationMatrixRef=np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
+        initialAngularVelocity=[0, 0, 0],
     )
     origin = mbs.AddMarker(MarkerNodeRigid(nodeNumber=made["nRigidBody"]))
     fixed = crank(mbs, origin)
@@ -151,7 +161,9 @@ def frame(mbs, elements):
     mbs.AddObject(ObjectJointSpherical(markerNumbers=[fixed, end], constrainedAxes=[0, 1, 0]))
     sensor = mbs.AddSensor(
         SensorSuperElement(
-            bodyNumber=rod, meshNodeNumber=points // 2, storeInternal=True,
+            bodyNumber=rod,
+            meshNodeNumber=points // 2,
+            storeInternal=True,
             outputVariableType=exu.OutputVariableType.DisplacementLocal,
         )
     )
@@ -180,8 +192,12 @@ def chain(mbs, links, limit=0.0):
             state = mbs.AddNode(NodeGenericData(numberOfDataCoordinates=3, initialCoordinates=[0, 0, 0]))
             mbs.AddObject(
                 CoordinateSpringDamperExt(
-                    markerNumbers=[before, turn], nodeNumber=state, useLimitStops=True, limitStopsUpper=limit,
-                    limitStopsLower=-limit, limitStopsStiffness=STIFFNESS,
+                    markerNumbers=[before, turn],
+                    nodeNumber=state,
+                    useLimitStops=True,
+                    limitStopsUpper=limit,
+                    limitStopsLower=-limit,
+                    limitStopsStiffness=STIFFNESS,
                 )
             )
             before = turn

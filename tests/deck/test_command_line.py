@@ -89,11 +89,17 @@ def test_several_decks_end_with_a_line_each(biela, tmp_path):
     assert call(biela, tmp_path, "good.nml").stdout == ""
     checked = call(biela, tmp_path, "--check", *decks).stdout
     assert [line for line in checked.splitlines() if line.split(":")[0] in decks] == [
-        "good.nml: done", "bad.nml: refused", "lost.nml: done"
+        "good.nml: done",
+        "bad.nml: refused",
+        "lost.nml: done",
     ]
     with Path("/dev/full").open("w") as full:
-        assert subprocess.run([biela, "good.nml", "good.nml"], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE,
-                              check=False).returncode == 3
+        assert (
+            subprocess.run(
+                [biela, "good.nml", "good.nml"], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, check=False
+            ).returncode
+            == 3
+        )
 
 
 def test_decks_of_one_name_warn_that_they_share_a_folder(biela, tmp_path):
@@ -139,8 +145,9 @@ def test_forces_and_lumps_of_zero_run_with_a_warning(biela, tmp_path):
 def test_a_check_that_cannot_be_printed_fails(biela, tmp_path):
     (tmp_path / "plain.nml").write_text(DECK, encoding="utf-8")
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run([biela, "--check", "plain.nml"], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE,
-                              text=True, check=False)
+        done = subprocess.run(
+            [biela, "--check", "plain.nml"], cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
     assert done.returncode == 3
     assert "cannot be written" in done.stderr
 

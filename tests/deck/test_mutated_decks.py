@@ -48,8 +48,34 @@ CRANK = b"""&material name='m' density=1600.0 young=2.1e10 ghm_alpha=0.5 ghm_zet
 &sensor name='q4' quantity='coordinate' body='rod' index=4 /
 &transient t_end=0.01 step=4.0e-6 /
 """
-PIECES = [b"&", b"/", b"'", b'"', b"=", b",", b"!", b"3*", b"99*", b"nan", b"1e400", b"-", b".", b"\r\n", b"\x00", b"\xff",
-          b"&end", b"$", b"(1)", b"1.0x", b"-1", b"0", b"'rod'", b"&body ", b"&include file='deck.nml' /", b" kind='frame' "]
+PIECES = [
+    b"&",
+    b"/",
+    b"'",
+    b'"',
+    b"=",
+    b",",
+    b"!",
+    b"3*",
+    b"99*",
+    b"nan",
+    b"1e400",
+    b"-",
+    b".",
+    b"\r\n",
+    b"\x00",
+    b"\xff",
+    b"&end",
+    b"$",
+    b"(1)",
+    b"1.0x",
+    b"-1",
+    b"0",
+    b"'rod'",
+    b"&body ",
+    b"&include file='deck.nml' /",
+    b" kind='frame' ",
+]
 
 
 @st.composite

@@ -23,9 +23,11 @@ GHM = "ghm_alpha=0.5 ghm_zeta=1.0 ghm_omega=5000.0"
 @pytest.mark.parametrize("ghm", ["", GHM])
 @pytest.mark.parametrize(
     ("length", "what"),
-    [("1e-40", r"moment of inertia about its origin would be \S+e-1\d\d kg m2"),
-     ("1e-18", r"squared bending frequency of an element would be \S+e7\d rad2/s2"),
-     ("1e30", r"moment of inertia about its origin would be \S+e8\d kg m2")],
+    [
+        ("1e-40", r"moment of inertia about its origin would be \S+e-1\d\d kg m2"),
+        ("1e-18", r"squared bending frequency of an element would be \S+e7\d rad2/s2"),
+        ("1e30", r"moment of inertia about its origin would be \S+e8\d kg m2"),
+    ],
 )
 @pytest.mark.parametrize("more", [(), ("--check",)])
 def test_a_length_whose_frequencies_do_not_fit_is_a_fault_of_its_body(length, what, more, ghm, run_deck):
@@ -120,8 +122,11 @@ def absurd_deck(choice: random.Random) -> str:
     ]
     method = choice.choice(["accept_unstable=.true.", "method='generalized_alpha'"])
     for chance, text in [
-        (0.5, f"&body name='b' mass={some()} inertia={some()} position={some()},0.0 /\n&spring name='k' body_a='b' body_b='rod' "
-              f"node_b=-1 stiffness={some()} damping={some()} length={some()} /"),
+        (
+            0.5,
+            f"&body name='b' mass={some()} inertia={some()} position={some()},0.0 /\n&spring name='k' body_a='b' body_b='rod' "
+            f"node_b=-1 stiffness={some()} damping={some()} length={some()} /",
+        ),
         (0.3, f"&lump body='rod' node=-1 mass={some()} /"),
         (0.3, "&static /"),
         (0.3, "&frequency_response from=1.0 to=10.0 points=3 input='f' /"),

@@ -496,7 +496,8 @@ def chain(links, angle, friction, transient):
         at = f"{0.1 * k * cos(angle):.17g},{0.1 * k * sin(angle):.17g}"
         groups += [
             f"&body name='b{k}' mass=0.1 inertia=8e-5 com=0.05,0 position={at} angle={angle} /",
-            f"&joint name='j{k}' type='revolute' body_a='b{k}'" + (f" body_b='b{k - 1}' point_b=0.1,0" if k else "")
+            f"&joint name='j{k}' type='revolute' body_a='b{k}'"
+            + (f" body_b='b{k - 1}' point_b=0.1,0" if k else "")
             + f" friction={friction} pin_radius=0.01 /",
             f"&sensor name='f{k}' quantity='friction' joint='j{k}' /",
             f"&sensor name='w{k}' quantity='angular_acceleration' body='b{k}' /",
@@ -514,7 +515,9 @@ def test_long_chain_let_go(run_deck):
     assert set(states[:15]) == {-1.0, 1.0}
     assert np.abs(np.diff(w)[states == 0]).max(initial=0) < 1e-8 * np.abs(w).max()
     assert (states * np.diff(w) >= -1e-9 * np.abs(w).max()).all()
-    moves = [run_deck(chain(30, 0.0, 0.02, f"&transient {method} t_end=0.01 output_step=0.002 /"), name=name).history
-             for name, method in (("d", "method='dopri5' tolerance=1e-9"), ("g", "method='generalized_alpha' step=0.001"))]
+    moves = [
+        run_deck(chain(30, 0.0, 0.02, f"&transient {method} t_end=0.01 output_step=0.002 /"), name=name).history
+        for name, method in (("d", "method='dopri5' tolerance=1e-9"), ("g", "method='generalized_alpha' step=0.001"))
+    ]
     for k in range(0, 20, 5):  # short trial steps know rates badly: what they take for events changes nothing
         assert moves[1][f"w{k}"] == pytest.approx(moves[0][f"w{k}"], abs=1e-3 * np.abs(moves[0]["w0"]).max())

@@ -170,4 +170,4 @@ def test_statics_frees_friction_and_a_transient_is_held_there(run_deck):
 
 def test_a_joint_without_friction_has_no_friction_to_measure(run_deck):
     run = run_deck(PENDULUM.replace("METHOD", "'rk4' step=0.01").replace("friction=0.25 friction_static=0.3 ", ""), expect=2)
-    assert "sensor/rub: joint \"pin\" has no friction" in run.stderr
+    assert 'sensor/rub: joint "pin" has no friction' in run.stderr

@@ -361,8 +361,10 @@ def test_a_short_piece_of_a_step_shakes_nothing(run_deck):
 &force name='m' type='torque' body='a' moment=1.0 history='h' /
 &sensor name='b' quantity='angle' body='b' /
 """
-    runs = {name: run_deck(text + march("t_end=0.6 step=1e-3 output_step=0.1"), name=name).history["b"]
-            for name, text in (("at", deck), ("before", deck.replace("start=0.5", f"start={0.5 - 3e-9}")))}
+    runs = {
+        name: run_deck(text + march("t_end=0.6 step=1e-3 output_step=0.1"), name=name).history["b"]
+        for name, text in (("at", deck), ("before", deck.replace("start=0.5", f"start={0.5 - 3e-9}")))
+    }
     assert runs["before"] == pytest.approx(runs["at"], abs=3e-9)
 
 

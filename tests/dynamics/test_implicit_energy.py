@@ -1,6 +1,5 @@
 """The implicit method's account of energy: work of drives, Rayleigh damping in modes, what it removes from turning lumps."""
 
-
 import numpy as np
 import pytest
 

@@ -1,6 +1,5 @@
 """The implicit method on scenes of many kinds: order 2 in every column towards an explicit run at 1e-10."""
 
-
 import numpy as np
 import pytest
 from biela.compare import differences

@@ -5,7 +5,6 @@ IFToMM multibody benchmarks A01 and A02, Kane, Ryan & Banerjee and Simo & Vu-Quo
 recomputed independently to the digits that stand here.
 """
 
-
 import numpy as np
 import pytest
 from biela.histories import read

@@ -68,14 +68,20 @@ SWING = """&joint name='j' type='revolute' body_a='b' {near} /
 &sensor name='r' quantity='reaction' joint='j' /
 &transient t_end=0.5 output_step=0.05 method='radau' {words} /
 """
-RIGID = """&scene gravity=0.0,-9.81 /
+RIGID = (
+    """&scene gravity=0.0,-9.81 /
 &body name='b' kind='rigid' mass=0.05 inertia=1.0416666666666667e-3 com=0.25,0.0 /
-""" + SWING
-STIFF = """&scene gravity=0.0,-9.81 /
+"""
+    + SWING
+)
+STIFF = (
+    """&scene gravity=0.0,-9.81 /
 &material name='m' density=1000.0 young=1.0e15 {terms} /
 &section name='s' shape='rectangle' width=0.01 height=0.01 /
 &body name='b' kind='beam' length=0.5 elements={elements} material='m' section='s' /
-""" + SWING
+"""
+    + SWING
+)
 NODES = {"near": "node_a=1", "far": "node=-1"}
 FAST = "ghm_alpha=0.5 ghm_zeta=3.0 ghm_omega=1.7e6 prony_alpha=0.5 prony_tau=1.0e-7"  # poles up to 1e7 rad/s
 
@@ -170,13 +176,15 @@ def test_steps_on_viscoelastic_springs_beside_those_of_scipy(words, strain, tole
     run = run_deck(SPRING.format(tolerance=tolerance, **words))
     steps = int(re.search(r"steps: (\d+)", run.summary)[1])
     end, omega, mass = words["end"], 100.0, words["inertia"]
-    rates = np.array([
-        [0.0, 1.0, 0.0, 0.0, 0.0],
-        [-8.0 * 1.8 / mass, 0.0, 8.0 * 0.5 / mass, 8.0 * 0.3 / mass, 0.0],
-        [0.0, 0.0, 0.0, 0.0, 1.0],
-        [1e3, 0.0, 0.0, -1e3, 0.0],
-        [omega**2, 0.0, -(omega**2), 0.0, -2 * words["zeta"] * omega],
-    ])  # x: the deformation
+    rates = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0, 0.0],
+            [-8.0 * 1.8 / mass, 0.0, 8.0 * 0.5 / mass, 8.0 * 0.3 / mass, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 1.0],
+            [1e3, 0.0, 0.0, -1e3, 0.0],
+            [omega**2, 0.0, -(omega**2), 0.0, -2 * words["zeta"] * omega],
+        ]
+    )  # x: the deformation
     start = np.array([strain, words["spin"], strain, strain, 0.0])
     least = tolerance * 1e-6
     scales = np.array([least, least * steps / end, least, least, least * steps / end])

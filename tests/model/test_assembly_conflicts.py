@@ -38,7 +38,7 @@ def four_bar(rng, stretch: float = 1.0):
 def told(run_deck, deck: str) -> str:
     """Return what is said of a deck that cannot be assembled, without the path."""
     place, _, words = run_deck(deck + RUN, expect=2).stderr.partition(": the mechanism cannot be assembled: ")
-    assert f' in line {place.partition(".nml:")[2]} ' in words  # that of the joint or drive which it names
+    assert f" in line {place.partition('.nml:')[2]} " in words  # that of the joint or drive which it names
     return words
 
 
@@ -74,7 +74,8 @@ def test_an_angle_that_contradicts(run_deck, seed, kind):
         end = (np.array([1.0, 0.0]) + 0.7 * np.array([np.cos(right), np.sin(right)])).tolist()
         words = told(
             run_deck,
-            bar("p", 1.0) + bar("q", 0.7, (1.0, 0.0), wrong)
+            bar("p", 1.0)
+            + bar("q", 0.7, (1.0, 0.0), wrong)
             + "&joint name='a' type='weld' body_a='p' /\n"
             + "&joint name='w' type='weld' body_a='q' body_b='p' point_b=1.0,0.0 /\n"
             + f"&joint name='b' type='revolute' body_a='q' point_a=0.7,0.0 point_b={end[0]!r},{end[1]!r} /\n",

@@ -3,7 +3,6 @@
 The crank comes to rest with unbounded accelerations, in a position where its joints and the drive are dependent.
 """
 
-
 import numpy as np
 import pytest
 

@@ -229,7 +229,8 @@ def test_parts_of_a_sequence_that_meet_but_for_rounding_do_not_jump(run_deck):
 
 SAW = "&history name='h' kind='table' time=0.0,0.07,0.1 value=0.0,1.0,0.0 interpolation='linear' periodic=.true. /\n"
 STEPS = (
-    DWELL.format("one", 1.0) + DWELL.format("two", "-0.5,3.0")
+    DWELL.format("one", 1.0)
+    + DWELL.format("two", "-0.5,3.0")
     + "&history name='h' kind='sequence' histories='one','two' durations=0.03,0.07 periodic=.true. /\n"
 )
 BOTH = SAW.replace("'h'", "'saw'") + STEPS.replace("'h'", "'steps'") + "&history name='h' kind='sum' histories='saw','steps' /\n"
@@ -355,8 +356,10 @@ def test_no_jump_is_told_that_no_analysis_meets(run_deck):
 def test_the_remedy_that_is_told_helps(run_deck, wrong, right):
     run = "&transient t_end=1.5 step=0.01 /\n"
     told = run_deck(DRIVEN.format(f"&history name='h' {wrong} /") + run, expect=2).stderr
-    assert all(line.endswith("expected a history with continuous value and slope" + line.partition("and slope")[2])
-               and right in line for line in told.splitlines())
+    assert all(
+        line.endswith("expected a history with continuous value and slope" + line.partition("and slope")[2]) and right in line
+        for line in told.splitlines()
+    )
     helped = wrong.replace(" interpolation='linear'", "") + " " + right
     run_deck(DRIVEN.format(f"&history name='h' {helped} /") + run)
 

@@ -50,9 +50,7 @@ def test_matrices_against_finite_differences(name, tmp_path):
         h = 2e-5
         plus, plus2, minus2, minus = (
             dict(r)["acceleration"]
-            for r in evaluate(
-                str(deck), [[0.0, *(q + k * h * dq), *(v + k * h * dv), *z, *zd] for k in (1, 2, -2, -1)]
-            )
+            for r in evaluate(str(deck), [[0.0, *(q + k * h * dq), *(v + k * h * dv), *z, *zd] for k in (1, 2, -2, -1)])
         )
         da = (8 * (plus - minus) - (plus2 - minus2)) / (12 * h)
         xdd = da.copy()
@@ -60,9 +58,7 @@ def test_matrices_against_finite_differences(name, tmp_path):
             w = v[b + 2]
             back = np.array([[np.cos(q[b + 2]), np.sin(q[b + 2])], [-np.sin(q[b + 2]), np.cos(q[b + 2])]])
             xdd[b : b + 2] = (
-                back @ da[b : b + 2]
-                - 2 * w * turn @ xd[b : b + 2]
-                - (acc[b + 2] * turn - w**2 * np.eye(2)) @ x[b : b + 2]
+                back @ da[b : b + 2] - 2 * w * turn @ xd[b : b + 2] - (acc[b + 2] * turn - w**2 * np.eye(2)) @ x[b : b + 2]
             )
         terms = [mass @ xdd, damping @ xd, stiffness @ x]
         terms += [alpha * (k @ x) for par, k in runs for alpha in par[0]]

@@ -144,7 +144,9 @@ def test_press_and_motor_against_scipy(run_deck):
             part = solve_ivp(rhs, (t, min(0.5, t + 1e-6)), y, method="DOP853", rtol=1e-13, atol=1e-15)
             t, y = part.t[-1], part.y[:, -1]
     table = "kind='table' interpolation='linear'"
-    deck = SLIDE + f"""&sensor name='at' quantity='position' body='a' /
+    deck = (
+        SLIDE
+        + f"""&sensor name='at' quantity='position' body='a' /
 &sensor name='go' quantity='velocity' body='a' /
 &sensor name='spin' quantity='angular_velocity' body='b' body_b='a' /
 &history name='press' {table} time=-1,0.01,0.03,0.05,1 value=0,0,90,10,0 /
@@ -155,6 +157,7 @@ def test_press_and_motor_against_scipy(run_deck):
 &force name='m' type='torque' body='b' moment=1 history='motor' argument='spin' /
 &force name='back' type='torque' body='a' moment=-1 history='motor' argument='spin' /
 """
+    )
     assert found >= 3
     for method in ("dopri5", "radau"):
         rows = run_deck(deck + f"&transient t_end=0.5 output_step=0.1 method='{method}' tolerance=1e-11 /\n").history

@@ -146,7 +146,9 @@ def test_points_of_a_circle_are_nearly_that_circle(turn, run_deck):
 def test_a_contact_has_its_force_place_angle_and_pressure(pair, touch, run_deck):
     """On a cam that a spring holds: balance of forces and moments at the place shown; slow responses are differences of statics."""
     stiff = "stiffness=2e7 exponent=1.5" if pair == "stop" else ""
-    deck = LIFT + f"""&scene gravity=0,-9.81 /
+    deck = (
+        LIFT
+        + f"""&scene gravity=0,-9.81 /
 &body name='cam' mass=1 inertia=1e-3 angle=0.7 /
 &joint name='shaft' type='revolute' body_a='cam' /
 &spring name='twist' type='torsional' body_a='cam' stiffness=50 free_angle=0.7 /
@@ -163,6 +165,7 @@ def test_a_contact_has_its_force_place_angle_and_pressure(pair, touch, run_deck)
 &force name='p' type='force' body='f' point=0.01,0 fx=LOAD /
 &static /
 """
+    )
     columns = ["c.f", "c.gap", "c.x", "c.y", "c.angle"]
     states = []
     for load in (-1e-3, 0.0, 1e-3):
@@ -233,7 +236,10 @@ ORDERS += [("rk4", 3.5, (32, 64), "table")]
 @pytest.mark.parametrize(("method", "order", "steps", "law"), ORDERS)
 def test_fixed_steps_keep_their_order_over_the_corners_of_a_law(method, order, steps, law, run_deck):
     """A cam that coasts: its law's third derivative jumps at both ends of each stroke, of a table the second at every point."""
-    deck = LIFT + JUMPS + """&scene gravity=0,-9.81 /
+    deck = (
+        LIFT
+        + JUMPS
+        + """&scene gravity=0,-9.81 /
 &body name='cam' mass=1 inertia=2e-4 angle=0.4 angular_velocity=40 /
 &joint name='shaft' type='revolute' body_a='cam' /
 &profile name='disc' kind='law' history='lift' base_radius=0.025 radius=0.008 offset=0.006 /
@@ -241,6 +247,7 @@ def test_fixed_steps_keep_their_order_over_the_corners_of_a_law(method, order, s
 &spring name='press' body_a='f' point_b=0.006,0.2 stiffness=3000 free_length=0.2 /
 &sensor name='w' quantity='angular_velocity' body='cam' /
 """
+    )
     deck = deck.replace("history='lift' base", f"history='{law}' base") + FOLLOWER.format(x=0.006, y=0.033)
     found = []
     for words in ("method='dopri5' tolerance=1e-12", *(f"method='{method}' step={{0.01/{n}}}" for n in steps)):

@@ -381,7 +381,8 @@ def test_friction_and_rigid_stops_together(run_deck):
 @pytest.mark.parametrize("method", ["'dopri5' tolerance=1e-5", "'dopri5' tolerance=1e-9", *METHODS[2:]])
 def test_all_loads_pass_through_zero_at_an_event(method, run_deck):
     """A sled pushes another one, whose rail presses nothing, by a stop; both part when the load of all is zero, at pi."""
-    run = run_deck("""&body name='a' mass=1.467 inertia=0.05 /
+    run = run_deck(
+        """&body name='a' mass=1.467 inertia=0.05 /
 &joint name='ra' type='prismatic' body_a='a' friction=0.236 /
 &body name='b' mass=1.406 inertia=0.05 position=0.5,0 /
 &joint name='rb' type='prismatic' body_a='b' body_b='a' point_a=-0.5,0 friction=0.146 /
@@ -391,7 +392,8 @@ def test_all_loads_pass_through_zero_at_an_event(method, run_deck):
 &force name='f' type='force' body='a' point=0.120,-0.171 fx=3.796 fy=0.476 history='h' /
 &sensor name='b' quantity='velocity' body='b' /
 &transient t_end=0.55 output_step=0.01 method={method} /
-""".replace("{method}", method))
+""".replace("{method}", method)
+    )
     left = [words[0] for words in events_of(run) if words[1:4] == ("ab", "lower", "open")]
     assert left == pytest.approx([(np.pi - 0.245) / (2 * np.pi * 0.939)], abs=1e-9)
     assert np.ptp(run.history["b.x"][run.history["t"] > left[0]]) < 1e-9  # nothing acts on it any more

@@ -27,7 +27,8 @@ def terms(name: str) -> str:
 
 def scene(more: str) -> str:
     """Return the deck."""
-    return f"""&scene gravity=0.0,-2.0 /
+    return (
+        f"""&scene gravity=0.0,-2.0 /
 &material name='m' density=1100.0 young={YOUNG} rayleigh_stiffness={RAYLEIGH} {terms("arm")} /
 &section name='s' shape='rectangle' width={WIDTH} height={HEIGHT} /
 &body name='arm' kind='beam' length={2 * LENGTH} elements=2 material='m' section='s' reference='clamped' angle=0.4 {more} /
@@ -41,11 +42,13 @@ def scene(more: str) -> str:
 &spring name='turn' type='torsional' body_a='bead' body_b='arm' node_b=3 stiffness={TURN["stiffness"]} damping={TURN["damping"]}
   free_angle=0.0 /
 &force name='f' type='force' body='bead' fx=0.8 fy=-0.6 /
-""" + "".join(
-        f"&sensor name='{name}_{q[0]}' quantity='{q}' {place} /\n"
-        for name, place in {"bead": "body='bead'", "mid": "body='arm' node=2", "tip": "body='arm' node=3"}.items()
-        for q in ("position", "velocity", "acceleration")
-    ) + """&sensor name='bead_turn' quantity='angle' body='bead' /
+"""
+        + "".join(
+            f"&sensor name='{name}_{q[0]}' quantity='{q}' {place} /\n"
+            for name, place in {"bead": "body='bead'", "mid": "body='arm' node=2", "tip": "body='arm' node=3"}.items()
+            for q in ("position", "velocity", "acceleration")
+        )
+        + """&sensor name='bead_turn' quantity='angle' body='bead' /
 &sensor name='tip_turn' quantity='angle' body='arm' node=3 /
 &sensor name='tip_rate' quantity='angular_velocity' body='arm' node=3 /
 &sensor name='tip_jerk' quantity='angular_acceleration' body='arm' node=3 /
@@ -66,6 +69,7 @@ def scene(more: str) -> str:
 &frequency_response from=0.5 to=60.0 points=9 input='f' /
 &transient t_end=1e-6 method='rk4' step=1e-6 /
 """
+    )
 
 
 class Response:

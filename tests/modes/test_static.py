@@ -1,6 +1,5 @@
 """Static equilibrium: closed forms, turning arms, closed mechanisms, large deflections, and what follows from them."""
 
-
 import math
 
 import numpy as np

@@ -103,9 +103,7 @@ def test_a_bob_that_turns_faster_than_its_spring_holds(run_deck, speed, unstable
 def test_a_large_deflection_is_told(run_deck):
     """A tip that sags by a fifth of the length leaves the linear floating frame; one that sags by a twentieth does not."""
     for share, told in ((0.05, False), (0.2, True)):
-        deck = COLUMN.format(load=0.0) + (
-            f"&force name='f' type='force' body='column' node=-1 fy={3 * 1.6 * share / 0.8**2!r} /\n"
-        )
+        deck = COLUMN.format(load=0.0) + (f"&force name='f' type='force' body='column' node=-1 fy={3 * 1.6 * share / 0.8**2!r} /\n")
         run = run_deck(deck, name=f"share{share}")
         assert ('in the static analysis body "column" deflects by' in run.stderr) == told
         assert ('in the static analysis body "column" deflects by' in run.summary) == told

@@ -143,6 +143,9 @@ SET_UP = {"mechanism_setup", "incidence", "attachments", "prototypes", "assembly
 
 def test_mechanism_is_constant_after_set_up():
     changed = re.compile(r"type\(\s*(?:mechanism_model|scene|body_model)\s*\)\s*,\s*intent\(\s*inout", re.IGNORECASE)
-    found = {path for path, text in sources(ROOT / "src").items() if layer(path, ROOT / "src") not in ("model", "build")
-             and changed.search(text)}
+    found = {
+        path
+        for path, text in sources(ROOT / "src").items()
+        if layer(path, ROOT / "src") not in ("model", "build") and changed.search(text)
+    }
     assert {path.stem for path in found} <= SET_UP

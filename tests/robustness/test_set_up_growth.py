@@ -35,7 +35,10 @@ def test_growth_of_what_a_set_up_allocates(biela, counters, tmp_path, name):
         deck.write_text(make(size))
         done = subprocess.run(
             [str(biela), "--quiet", "--output", str(tmp_path / "out"), str(deck)],
-            env={**os.environ, "LD_PRELOAD": str(counters)}, capture_output=True, text=True, check=False,
+            env={**os.environ, "LD_PRELOAD": str(counters)},
+            capture_output=True,
+            text=True,
+            check=False,
         )
         assert done.returncode == 0, done.stderr
         found.append(int(re.search(r"^bytes (\d+)$", done.stderr, re.MULTILINE).group(1)))

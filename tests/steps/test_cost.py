@@ -43,7 +43,9 @@ def counts(run) -> dict[str, int]:
     model, march = run.figures["model"], run.transient
     found = {name: march[key] for name, key in (("steps", "steps"), ("evaluations", "evaluations"), ("solves", "banded_solves"))}
     return found | {
-        "coordinates": model["coordinates"], "dissipative": model["dissipative_coordinates"], "multipliers": model["constraints"]
+        "coordinates": model["coordinates"],
+        "dissipative": model["dissipative_coordinates"],
+        "multipliers": model["constraints"],
     }
 
 

@@ -60,7 +60,10 @@ def counts(program: Path, library: Path, folder: Path, text: str):
     deck.write_text(text)
     done = subprocess.run(
         [str(program), "--quiet", "--output", str(folder / "out"), str(deck)],
-        env={**os.environ, "LD_PRELOAD": str(library)}, capture_output=True, text=True, check=False,
+        env={**os.environ, "LD_PRELOAD": str(library)},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     found = dict(re.findall(r"^(allocations|factorisations|angles) (\d+)$", done.stderr, re.MULTILINE))

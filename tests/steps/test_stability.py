@@ -70,9 +70,7 @@ SCENES = {
     "crank_16": CRANK.format(ghm="", elements=16, axial=""),
     "real_pole": CRANK.format(ghm="ghm_alpha=0.5 ghm_zeta=20.0 ghm_omega=5000.0", elements=2, axial=""),
     "complex_pole": CRANK.format(ghm="ghm_alpha=0.5 ghm_zeta=0.3 ghm_omega=500000.0", elements=4, axial=""),
-    "two_poles": CRANK.format(
-        ghm="ghm_alpha=0.5,2.0 ghm_zeta=1.2,4.0 ghm_omega=3.0e4,3.0e4", elements=2, axial="axial=.false."
-    ),
+    "two_poles": CRANK.format(ghm="ghm_alpha=0.5,2.0 ghm_zeta=1.2,4.0 ghm_omega=3.0e4,3.0e4", elements=2, axial="axial=.false."),
     "four_bar": FOUR_BAR,
     "arm": ARM,
     "frame": FRAME,
