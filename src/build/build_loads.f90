@@ -2,7 +2,7 @@
 module build_loads
   use build_history, only: make_history
   use build_law, only: law_of
-  use build_profiles, only: make_pair, watch_pair
+  use build_profiles, only: by_angle, make_pair, watch_pair
   use constraint, only: constraint_box
   use build_factors, only: factor_list, of_time, require_continuous
   use deck_records, only: column_record, deck, force_record, spring_record, stop_record, transient_record
@@ -13,7 +13,7 @@ module build_loads
   use stop_row, only: stop_row_model
   use measure, only: measure_model
   use measures, only: difference, distance, line
-  use profile_corners, only: corner_watch
+  use motion_watch, only: history_watch
   use springs, only: spring_model
   use stops, only: stop_model, rebound_factor
   use text, only: either, quoted
@@ -60,36 +60,33 @@ contains
     call add_stop_rows(d, s)
   end subroutine make_forces
 
-  !> Behind all others what watches the corners of laws, of joints and stops on profiles. With fixed steps of a higher order these
-  !> are events that it feels; what only the third derivative does is left to an error that is controlled.
+  !> Behind all others what watches the corners of laws, of joints and stops on profiles.
   subroutine watch_profiles(d, s)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
-    integer, allocatable :: list(:)
-    integer :: k, order
-    order = merge(2, 3, d%transient%adaptive .or. d%transient%method == 'generalized_alpha')
-    list = [pack([(k, k=1, s%joints)], d%joints%profile > 0), &
-            pack([(s%permanent + s%springs + size(d%forces) + k, k=1, s%stops)], d%stops%profile > 0)]
+    integer :: k
     allocate (s%corners(0))
-    do k = 1, size(list)
-      if (list(k) <= s%joints) then
-        call watch(s%constraints(list(k))%item%measures(1)%item, list(k))
-      else
-        call watch(s%forces(list(k) - s%permanent)%item%measure, list(k))
-      end if
+    do k = 1, s%joints
+      if (d%joints(k)%profile > 0) call watch(s%constraints(k)%item%measures(1)%item, k)
+    end do
+    do k = 1, s%stops
+      associate (i => s%acting - s%stops + k)
+        if (d%stops(k)%profile > 0) call watch(s%forces(i)%item%measure, s%permanent + i)
+      end associate
     end do
   contains
     !> Adds one where there are corners.
     subroutine watch(gap, number)
       class(measure_model), intent(inout) :: gap
       integer, intent(in) :: number          !! of its joint or stop, among constraints and force elements
-      type(corner_watch), allocatable :: item
+      type(history_watch), allocatable :: item
       type(force_box), allocatable :: all(:)
       integer :: j
       allocate (item)
-      call watch_pair(gap, order, size(s%corners) + 1, item%corners)
-      if (size(item%corners) == 0) return
+      call watch_pair(gap, size(s%corners) + 1, item%history)
+      if (.not. allocated(item%history)) return
       item%switches = .true.
+      item%whole_turns = .true.
       item%name = 'corners'
       allocate (all(size(s%forces) + 1))
       do j = 1, size(s%forces)
@@ -151,6 +148,7 @@ contains
         else
           allocate (f%measure, source=s%forces(number - s%permanent)%item%measure)
         end if
+        call by_angle(f%measure)
         f%ia = f%measure%ia
         f%ib = f%measure%ib
         f%size = s%size

@@ -8,16 +8,17 @@ module build_profiles
   use deck_origin, only: origin
   use deck_records, only: deck, profile_record
   use errors, only: fault_list
-  use history, only: history_model
+  use history, only: breakpoint, history_model, merged
   use law_profile, only: flat_model, law_model, spline_model
   use measure, only: measure_model
   use profile, only: circle_model, profile_model
+  use sequence_history, only: sequence_model
   use table_history, only: table_model
   use table_slopes, only: ends_free, ends_periodic, spline_slopes
   use text, only: either, quoted, to_text
   implicit none (type, external)
   private
-  public :: make_pair, watch_pair
+  public :: by_angle, make_pair, watch_pair
 
   integer, parameter :: arcs = 64            !! into which the curve of a law is cut
   real(wp), parameter :: closes = 1.0e-9_wp  !! how far the end of a turn may be from its beginning, of the law's size [-]
@@ -55,24 +56,31 @@ contains
     call move_alloc(pair, item)
   end subroutine make_pair
 
-  !> Gives a pair the number of what watches its corners, where derivatives of its law jump; none: there is no law, or no corner.
-  subroutine watch_pair(gap, most_order, number, corners)
+  !> Gives a pair the number of what watches the corners of its law, and that law to it; not allocated: there are none.
+  subroutine watch_pair(gap, number, law)
     class(measure_model), intent(inout) :: gap
-    integer, intent(in) :: most_order                 !! of derivatives of the law
     integer, intent(in) :: number                     !! of the watcher
-    real(wp), allocatable, intent(out) :: corners(:)  !! places of its curve [rad]
-    allocate (corners(0))
+    class(history_model), allocatable, intent(out) :: law
     select type (gap)
     class is (pair_measure)
       select type (curve => gap%profile)
       class is (law_model)
-        corners = curve%corners(most_order)
-        if (size(corners) == 0) return
-        curve%joints = [corners, corners(1) + 2*pi]
+        if (size(curve%law%corners) == 0) return
+        allocate (law, source=curve%law)
         gap%watcher = number
       end select
     end select
   end subroutine watch_pair
+
+  !> Makes a pair measure how far its law has come in place of its gap.
+  subroutine by_angle(gap)
+    class(measure_model), intent(inout) :: gap
+    gap%angular = .true.
+    select type (gap)
+    class is (pair_measure)
+      gap%by_angle = .true.
+    end select
+  end subroutine by_angle
 
   !> The factory of profiles.
   subroutine make_profile(d, r, item, faults)
@@ -81,6 +89,7 @@ contains
     class(profile_model), allocatable, intent(out) :: item
     type(fault_list), intent(inout) :: faults
     class(law_model), allocatable :: law
+    class(history_model), allocatable :: once         ! over one turn
     type(circle_model), allocatable :: circle
     integer :: k, before
     before = faults%count
@@ -104,14 +113,39 @@ contains
         law%base = r%pivot
         if (.not. r%arm > 0.0_wp) law%base = [r%offset, sqrt(max((r%base_radius + r%radius)**2 - r%offset**2, 0.0_wp))]
       end if
-      law%clockwise = r%clockwise
-      call make_history(d, r%history, law%law)
-      call check_law(r, law%law, faults)
+      law%sense = merge(1.0_wp, -1.0_wp, r%clockwise)
+      call make_history(d, r%history, once)
+      call check_law(r, once, faults)
+      call by_turns(once, merge(2, 3, d%transient%adaptive .or. d%transient%method == 'generalized_alpha'), law%law)
       if (faults%count == before) call law%cut([(2*pi*k/arcs, k=0, arcs)])
       call move_alloc(law, item)
     end select
     item%name = r%name
   end subroutine make_profile
+
+  !> A law that goes on for ever, with its corners. With fixed steps of a higher order those of the third derivative count as well;
+  !> else they are left to an error that is controlled, as those between the points of a table, which are too many for events.
+  !> Where there are corners, two stand half a turn apart, so that no piece is longer.
+  subroutine by_turns(once, order, law)
+    class(history_model), allocatable, intent(inout) :: once
+    integer, intent(in) :: order                      !! highest derivative whose jumps are corners
+    class(history_model), allocatable, intent(out) :: law
+    type(sequence_model), allocatable :: turns
+    integer :: most
+    most = order
+    select type (once)
+    class is (table_model)
+      most = 2
+    end select
+    allocate (turns)
+    allocate (turns%parts(1))
+    call move_alloc(once, turns%parts(1)%item)
+    call turns%set(0.0_wp, [2*pi], .true.)
+    if (size(turns%breaks) == 1 .and. turns%breaks(1)%order > 2) turns%breaks = turns%breaks(:0)   ! smooth
+    if (any(turns%breaks%order <= most)) turns%breaks = merged(turns%breaks, [breakpoint(0.0_wp, most), breakpoint(pi, most)])
+    call turns%keep_corners(most)
+    call move_alloc(turns, law)
+  end subroutine by_turns
 
   !> A law is smooth and ends as it begins.
   subroutine check_law(r, law, faults)
@@ -196,8 +230,8 @@ contains
     where = ' from '//short(found%range(1))//' to '//short(found%range(2))//' m along its points'
     select type (curve)
     class is (law_model)
-      range = [curve%cam_angle(found%range(1)), curve%cam_angle(found%range(2))]
-      if (.not. curve%clockwise) range = range(2:1:-1)
+      range = modulo(curve%sense*found%range, 2*pi)
+      if (curve%sense < 0.0_wp) range = range(2:1:-1)
       where = ' from '//short(range(1)*180/pi)//' to '//short(range(2)*180/pi)//' degrees of the cam'
     end select
     bend = 'its radius of curvature falls to '//short(found%radius)//' m'

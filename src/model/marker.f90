@@ -29,7 +29,7 @@ module marker
     real(wp), allocatable :: rate(:)         !! (n) its rate [rad/s]
     real(wp), allocatable :: rho(:, :)       !! (2, n) x + u in body axes [m]
     real(wp), allocatable :: bias(:, :)      !! (2, n) velocity-dependent part of the acceleration, global [m/s2]
-    integer, allocatable :: piece(:)         !! of each watched profile, on which the touching place is; 0: not known
+    real(wp), allocatable :: piece(:)        !! of each watched law, an argument on its present piece; huge: not known [rad]
   contains
     procedure :: allocate => allocate_states
   end type marker_states

@@ -49,7 +49,7 @@ contains
                       q(i + 4:i + 3 + n), v(i + 4:i + 3 + n), ev%p, k)
     end do
     n = size(self%s%switching) - size(self%s%corners)
-    if (n < size(self%s%switching)) ev%p%piece = merge(nint(ev%switches%event_value(n + 1:size(self%s%switching))), 0, &
+    if (n < size(self%s%switching)) ev%p%piece = merge(ev%switches%event_value(n + 1:size(self%s%switching)), huge(1.0_wp), &
                                                        ev%switches%state(n + 1:size(self%s%switching)) == on_a_piece)
   end subroutine marker_kinematics
 

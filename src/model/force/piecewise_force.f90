@@ -2,7 +2,7 @@
 !> loads. The history goes by pieces (`history_pieces`), and that the motion leaves a piece is an event. What the element keeps from
 !> its last event is a point of the present piece.
 module piecewise_force
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use force_element, only: on_a_piece, by_position, bilateral, conditions, force_model, root_rounding, stage_static, watched_roots
   use history, only: history_model
   use history_pieces, only: first_piece, piece_beyond, piece_ends, piece_value
@@ -16,6 +16,7 @@ module piecewise_force
   !> Such an element.
   type, abstract, extends(force_model), public :: piecewise_model
     class(history_model), allocatable :: history   !! not allocated: none
+    logical :: whole_turns = .false.               !! the motion is known but for whole turns, as a piece is
   contains
     procedure :: followed
     procedure :: history_value
@@ -90,6 +91,7 @@ contains
     real(wp) :: ends(2), x, rate, rounding
     integer :: k
     call self%followed(p, with%stage, x, rate, rounding)
+    if (self%whole_turns) x = x + 2*pi*anint((with%event_value - x)/(2*pi))
     ends = piece_ends(self%history, with%event_value)
     do k = 1, 2
       if (abs(ends(k)) >= huge(1.0_wp)) cycle

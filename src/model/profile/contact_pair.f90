@@ -12,7 +12,7 @@ module contact_pair
   use kinds, only: wp
   use marker, only: marker_states, turn
   use measure, only: measured, measure_model
-  use profile, only: profile_foot, profile_model, profile_reach
+  use profile, only: no_piece, profile_foot, profile_model, profile_reach
   use small_matrices, only: outer
   implicit none (type, external)
   private
@@ -23,7 +23,8 @@ module contact_pair
     real(wp) :: radius = 0.0_wp            !! of the roller; 0: an edge, or a flat face [m]
     logical :: flat = .false.              !! the follower is a face
     real(wp) :: face = 0.0_wp              !! its normal, from section a [rad]
-    integer :: watcher = 0                 !! number of what watches the corners of its profile; 0: there is none
+    integer :: watcher = 0                 !! number of what watches the corners of its law; 0: there is none
+    logical :: by_angle = .false.          !! what it measures is the argument of the law where it touches
   contains
     procedure :: measure => pair_motion
     procedure :: acts_on => pair_components
@@ -39,8 +40,8 @@ module contact_pair
     real(wp) :: w(6)                       !! [-], [m]
     real(wp) :: place(2)                   !! of the profile, global [m]
     real(wp) :: convexity                  !! curvature of the profile there [1/m]
-    real(wp) :: u                          !! where on its curve [any]
-    real(wp) :: advance                    !! of u by w, the motion along the tangent or the turn of the face [any/m] or [any/rad]
+    real(wp) :: angle                      !! the argument of a law there [rad]
+    real(wp) :: advance                    !! of it by w, the motion along the tangent or the turn of the face [rad/m] or [-]
   end type pair_touch
 
 contains
@@ -51,9 +52,8 @@ contains
     type(marker_states), intent(in) :: p
     type(profile_foot) :: foot
     type(profile_reach) :: reach
-    real(wp) :: e(2), u(2), v(6), c, s
-    integer :: piece
-    piece = 0
+    real(wp) :: e(2), u(2), v(6), c, s, piece
+    piece = no_piece
     if (self%watcher > 0 .and. allocated(p%piece)) piece = p%piece(self%watcher)
     e = p%r(:, self%ia) - p%r(:, self%ib)
     if (self%flat) then
@@ -66,7 +66,7 @@ contains
       at%w = [0, 0, 1, 0, 0, -1]
       at%place = p%r(:, self%ib) + reach%p(0)*at%n + reach%p(1)*turn(at%n)
       at%convexity = 1/(reach%p(0) + reach%p(2))
-      at%u = reach%u
+      at%angle = reach%angle
       at%advance = reach%advance
     else
       c = cos(p%angle(self%ib))
@@ -85,7 +85,7 @@ contains
       end if
       at%place = p%r(:, self%ia) - foot%distance*at%n
       at%convexity = foot%curvature
-      at%u = foot%u
+      at%angle = foot%angle
       at%advance = foot%advance
     end if
     v = self%rates(p)
@@ -105,7 +105,7 @@ contains
     if (self%span > 0.0_wp) least = -0.5_wp*self%span*foot%curvature
   end function least
 
-  !> The gap and its motion.
+  !> The gap and its motion, or how far the law has come.
   pure subroutine pair_motion(self, p, now)
     class(pair_measure), intent(in) :: self
     type(marker_states), intent(in) :: p
@@ -113,6 +113,9 @@ contains
     type(pair_touch) :: at
     at = self%touching(p)
     now = at%measured
+    if (.not. self%by_angle) return
+    now%x = at%angle
+    now%rate = at%advance*dot_product(at%w, self%rates(p))
   end subroutine pair_motion
 
   !> Positions, and the angles of sections that carry something that is not round.

@@ -5,7 +5,7 @@
 module curve_profile
   use kinds, only: wp
   use marker, only: turn
-  use profile, only: profile_foot, profile_model, profile_reach
+  use profile, only: no_piece, profile_foot, profile_model, profile_reach
   implicit none (type, external)
   private
 
@@ -27,14 +27,15 @@ module curve_profile
   !> What is told of a pair before it runs.
   type, public :: pair_limits
     integer :: flaw = 0                      !! the first that is found; 0: none
-    real(wp) :: range(2) = 0.0_wp            !! of u, the first one where there are flaws [any]
+    real(wp) :: range(2) = 0.0_wp            !! of u, where it is [any]
     real(wp) :: reach = 0.0_wp               !! of a flat face, from where it stands on a circle [m]
-    real(wp) :: radius = huge(1.0_wp)        !! least radius of curvature, of the profile; of the curve in flaws [m]
+    real(wp) :: radius = huge(1.0_wp)        !! least radius of curvature, of the profile; of the curve where the flaw is [m]
   end type pair_limits
 
   !> Such a profile.
   type, abstract, extends(profile_model), public :: curve_model
     real(wp) :: inset = 0.0_wp               !! [m]
+    real(wp) :: sense = 1.0_wp               !! of the argument of a law along u: 1 or -1 [-]
     logical :: closed = .true.
     type(curve_place), allocatable :: ends(:)      !! (0:arcs) of the arcs
     real(wp), allocatable :: middle(:, :)    !! (2, arcs) of circles about them [m]
@@ -46,7 +47,6 @@ module curve_profile
     procedure :: outline => curve_outline
     procedure :: cut
     procedure :: examine
-    procedure :: leaves => never_leaves
   end type curve_model
 
   abstract interface
@@ -55,7 +55,7 @@ module curve_profile
       import :: curve_model, curve_place, wp
       class(curve_model), intent(in) :: self
       real(wp), intent(in) :: u              !! [any]
-      integer, intent(in) :: piece           !! that goes on beyond its ends; 0: none
+      real(wp), intent(in) :: piece          !! as of the nearest place [rad]
     end function place_at
   end interface
 
@@ -69,10 +69,10 @@ contains
     real(wp) :: c(2, 0:samples)              ! [m]
     integer :: i, k
     allocate (self%ends(0:size(u) - 1), self%middle(2, size(u) - 1), self%radius(size(u) - 1))
-    self%ends(0) = self%at(u(0), 0)
+    self%ends(0) = self%at(u(0), no_piece)
     do i = 1, size(u) - 1
       do k = 0, samples
-        q = self%at(u(i - 1) + (u(i) - u(i - 1))*k/samples, 0)
+        q = self%at(u(i - 1) + (u(i) - u(i - 1))*k/samples, no_piece)
         c(:, k) = q%c
       end do
       self%ends(i) = q
@@ -82,20 +82,19 @@ contains
     end do
   end subroutine cut
 
-  !> The nearest place. The distance to a place within an arc is least where (d - c).t falls through zero.
+  !> The nearest place. The distance to a place within an arc is least where (d - c).t falls through zero. Beyond its ends an open
+  !> curve is straight.
   pure type(profile_foot) function nearest_of_arcs(self, d, piece) result(foot)
     class(curve_model), intent(in) :: self
     real(wp), intent(in) :: d(2)             !! [m]
-    integer, intent(in) :: piece             !! on whose continuation the place is, where it lies beyond
+    real(wp), intent(in) :: piece            !! on whose continuation the place is [rad]
     type(curve_place) :: best
     real(wp) :: f(0:size(self%radius))       ! (d - c).t at the ends of arcs [m]
     real(wp) :: bound(size(self%radius))     ! no place of the arc is nearer [m]
-    real(wp) :: least
+    real(wp) :: least                        ! distance of the best place so far [m]
     integer :: i, n
     n = size(self%radius)
-    do i = 0, n
-      f(i) = along(self%ends(i), d)
-    end do
+    f = ahead(self%ends, d(1), d(2))
     bound = sqrt((d(1) - self%middle(1, :))**2 + (d(2) - self%middle(2, :))**2) - self%radius
     least = huge(1.0_wp)
     if (.not. self%closed) then
@@ -107,24 +106,16 @@ contains
       if (bound(i) >= least) exit
       bound(i) = huge(1.0_wp)
       if (f(i - 1) < 0.0_wp .or. f(i) > 0.0_wp) cycle
-      call compare(d, root(self, d, self%ends(i - 1:i)%u, f(i - 1:i)), best, least)
+      call compare(d, root(self, d, 1.0_wp, self%ends(i - 1)%u, self%ends(i)%u, no_piece), best, least)
     end do
-    if (least >= huge(1.0_wp)) call compare(d, self%ends(nearest_end()), best, least)   ! far away an arc may hide two places
-    if (self%leaves(piece, best%u)) call follow(self, piece, d, best)
+    if (least >= huge(1.0_wp)) best = self%ends(minloc([(norm2(d - self%ends(i)%c), i=0, n)], 1) - 1)   ! an arc hides two places
+    if (piece < no_piece) best = continued(self, d, 1.0_wp, best%u, piece)
     foot%n = best%n
-    foot%distance = dot_product(d - best%c, best%n) + self%inset
-    foot%curvature = inset_curvature(self, best%curvature)
-    foot%u = best%u
-    foot%advance = 1/(best%speed*max(1 + best%curvature*dot_product(d - best%c, best%n), sqrt(tiny(1.0_wp))))
-  contains
-    !> The end of an arc that is nearest.
-    pure integer function nearest_end() result(k)
-      integer :: j
-      k = 0
-      do j = 1, n
-        if (norm2(d - self%ends(j)%c) < norm2(d - self%ends(k)%c)) k = j
-      end do
-    end function nearest_end
+    foot%distance = dot_product(d - best%c, best%n)
+    foot%angle = self%sense*best%u
+    foot%advance = self%sense/(best%speed*max(1 + best%curvature*foot%distance, sqrt(tiny(1.0_wp))))
+    foot%distance = foot%distance + self%inset
+    foot%curvature = best%curvature/(1 - best%curvature*self%inset)
   end function nearest_of_arcs
 
   !> Keeps a place that is nearer.
@@ -133,39 +124,12 @@ contains
     type(curve_place), intent(in) :: other
     type(curve_place), intent(inout) :: best
     real(wp), intent(inout) :: least         !! distance of the best one so far [m]
-    real(wp) :: away                         ! [m]
-    away = norm2(d - other%c)
-    if (away >= least) return
-    least = away
+    if (norm2(d - other%c) >= least) return
+    least = norm2(d - other%c)
     best = other
   end subroutine compare
 
-  !> Whether a place is at or beyond an end of a piece; most curves have none.
-  pure logical function never_leaves(self, piece, u) result(yes)
-    class(curve_model), intent(in) :: self
-    integer, intent(in) :: piece             !! 0: none
-    real(wp), intent(in) :: u                !! [any]
-    yes = .false.
-  end function never_leaves
-
-  !> The nearest place on the continuation of a piece, from that on the curve.
-  pure subroutine follow(self, piece, d, q)
-    class(curve_model), intent(in) :: self
-    integer, intent(in) :: piece
-    real(wp), intent(in) :: d(2)             !! [m]
-    type(curve_place), intent(inout) :: q
-    real(wp) :: u, step
-    integer :: k
-    u = q%u
-    do k = 1, most_trials
-      q = self%at(u, piece)
-      step = along(q, d)/(q%speed*(1 + q%curvature*dot_product(d - q%c, q%n)))
-      if (abs(step) <= 2*spacing(u)) return
-      u = u + step
-    end do
-  end subroutine follow
-
-  !> The place at some length beyond an end: the curve goes on straight.
+  !> The place at some length beyond an end.
   pure type(curve_place) function straight(last, length) result(q)
     type(curve_place), intent(in) :: last
     real(wp), intent(in) :: length           !! [m]
@@ -175,90 +139,70 @@ contains
   end function straight
 
   !> How far a point lies ahead of a place, along its tangent.
-  pure real(wp) function along(q, d)         ! [m]
+  pure elemental real(wp) function ahead(q, x, y)   ! [m]
     type(curve_place), intent(in) :: q
-    real(wp), intent(in) :: d(2)             !! [m]
-    along = (d(2) - q%c(2))*q%n(1) - (d(1) - q%c(1))*q%n(2)
-  end function along
+    real(wp), intent(in) :: x, y             !! [m]
+    ahead = (y - q%c(2))*q%n(1) - (x - q%c(1))*q%n(2)
+  end function ahead
 
-  !> Largest n(alpha).c: N.t falls through zero where the normal is N; its slope is -speed curvature N.n.
+  !> Largest n(alpha).c: n.t falls through zero there.
   pure type(profile_reach) function convex_support(self, alpha, piece) result(reach)
     class(curve_model), intent(in) :: self
     real(wp), intent(in) :: alpha            !! [rad]
-    integer, intent(in) :: piece             !! 0: none
-    real(wp) :: n(2), low, high, u
+    real(wp), intent(in) :: piece            !! [rad]
+    real(wp) :: n(2), f(0:size(self%radius)) ! n.t at the ends of arcs [-]
     type(curve_place) :: q
     integer :: k
-    logical :: stays
     n = [cos(alpha), sin(alpha)]
-    do k = 1, size(self%radius)
-      if (dot_product(n, turn(self%ends(k - 1)%n)) >= 0.0_wp .and. dot_product(n, turn(self%ends(k)%n)) < 0.0_wp) exit
-    end do
-    k = min(k, size(self%radius))
-    low = self%ends(k - 1)%u
-    high = self%ends(k)%u
-    u = 0.5_wp*(low + high)
-    do k = 1, most_trials
-      q = self%at(u, 0)
-      call newton(low, high, u, dot_product(n, turn(q%n)), q%speed*q%curvature*dot_product(n, q%n), stays)
-      if (stays) exit
-    end do
-    if (self%leaves(piece, q%u)) then
-      do k = 1, most_trials
-        q = self%at(u, piece)
-        low = dot_product(n, turn(q%n))/(q%speed*q%curvature*dot_product(n, q%n))
-        if (abs(low) <= 2*spacing(u)) exit
-        u = u + low
-      end do
-    end if
+    f = [(dot_product(n, turn(self%ends(k)%n)), k=0, size(self%radius))]
+    k = max(1, findloc(f(:size(f) - 2) >= 0.0_wp .and. f(1:) < 0.0_wp, .true., 1))
+    q = root(self, n, 0.0_wp, self%ends(k - 1)%u, self%ends(k)%u, no_piece)
+    if (piece < no_piece) q = continued(self, n, 0.0_wp, q%u, piece)
     reach%p(0:1) = [dot_product(n, q%c) - self%inset, dot_product(turn(n), q%c)]
     reach%p(2) = 1/q%curvature - self%inset - reach%p(0)
-    reach%u = q%u
-    reach%advance = 1/(q%speed*q%curvature)
+    reach%angle = self%sense*q%u
+    reach%advance = self%sense/(q%speed*q%curvature)
   end function convex_support
 
-  !> The place in a bracket from which a point lies along the normal; f falls there. Its slope is -speed (1 + curvature D).
-  pure type(curve_place) function root(self, d, ends, f) result(q)
+  !> The place on the continuation of a piece, from that on the curve.
+  pure type(curve_place) function continued(self, d, weight, u, piece) result(q)
     class(curve_model), intent(in) :: self
-    real(wp), intent(in) :: d(2)             !! [m]
-    real(wp), intent(in) :: ends(2), f(2)    !! [any], [m]
-    real(wp) :: low, high, u
+    real(wp), intent(in) :: d(2), weight     !! as of `root` [m] or [-], [-]
+    real(wp), intent(in) :: u                !! [any]
+    real(wp), intent(in) :: piece            !! [rad]
+    real(wp) :: width                        ! of an arc [any]
+    width = self%ends(1)%u - self%ends(0)%u
+    q = root(self, d, weight, u - width, u + width, piece)
+  end function continued
+
+  !> The place in a bracket where e.t falls through zero, e = d - weight c: from which the point d lies along the normal (weight 1),
+  !> or whose normal is d (weight 0). Its slope is -speed (weight + curvature e.n).
+  pure type(curve_place) function root(self, d, weight, from, to, piece) result(q)
+    class(curve_model), intent(in) :: self
+    real(wp), intent(in) :: d(2), weight     !! [m] or [-], [-]
+    real(wp), intent(in) :: from, to         !! [any]
+    real(wp), intent(in) :: piece            !! [rad]
+    real(wp) :: low, high, u, next           ! [any]
+    real(wp) :: e(2), f, slope               ! [m] or [-], of f [per unit of u]
     integer :: k
-    logical :: stays
-    low = ends(1)
-    high = ends(2)
-    u = 0.5_wp*(low + high)
-    if (f(1) > f(2)) u = low + (high - low)*(f(1)/(f(1) - f(2)))
+    low = from
+    high = to
+    next = 0.5_wp*(low + high)
     do k = 1, most_trials
-      q = self%at(u, 0)
-      call newton(low, high, u, along(q, d), q%speed*(1 + q%curvature*dot_product(d - q%c, q%n)), stays)
-      if (stays) exit
+      u = next
+      q = self%at(u, piece)
+      e = d - weight*q%c
+      f = dot_product(e, turn(q%n))
+      slope = q%speed*(weight + q%curvature*dot_product(e, q%n))
+      if (f > 0.0_wp) low = u
+      if (f < 0.0_wp) high = u
+      next = 0.5_wp*(low + high)
+      if (slope > 0.0_wp) then
+        if (u + f/slope >= low .and. u + f/slope <= high) next = u + f/slope
+      end if
+      if (abs(next - u) <= 2*spacing(max(abs(low), abs(high))) .or. abs(f) <= 0.0_wp) return
     end do
   end function root
-
-  !> One step of Newton's method for a function that falls within a bracket.
-  pure subroutine newton(low, high, u, value, slope, stays)
-    real(wp), intent(inout) :: low, high, u  !! [any]
-    real(wp), intent(in) :: value            !! at u [any]
-    real(wp), intent(in) :: slope            !! minus its derivative [any]
-    logical, intent(out) :: stays            !! u is the root
-    real(wp) :: next
-    if (value > 0.0_wp) low = u
-    if (value < 0.0_wp) high = u
-    next = 0.5_wp*(low + high)
-    if (slope > 0.0_wp) then
-      if (u + value/slope >= low .and. u + value/slope <= high) next = u + value/slope
-    end if
-    stays = abs(next - u) <= 2*spacing(max(abs(low), abs(high))) .or. abs(value) <= 0.0_wp
-    u = next
-  end subroutine newton
-
-  !> Curvature of the profile from that of the curve.
-  pure real(wp) function inset_curvature(self, curvature) result(profile)   ! [1/m]
-    class(curve_model), intent(in) :: self
-    real(wp), intent(in) :: curvature        !! [1/m]
-    profile = curvature/(1 - curvature*self%inset)
-  end function inset_curvature
 
   !> Some points of each arc.
   pure function curve_outline(self) result(c)
@@ -270,7 +214,7 @@ contains
     allocate (c(2, 0:each*size(self%radius)))
     do i = 1, size(self%radius)
       do k = 0, each
-        q = self%at(self%ends(i - 1)%u + (self%ends(i)%u - self%ends(i - 1)%u)*k/each, 0)
+        q = self%at(self%ends(i - 1)%u + (self%ends(i)%u - self%ends(i - 1)%u)*k/each, no_piece)
         c(:, (i - 1)*each + k) = q%c - self%inset*q%n
       end do
     end do
@@ -283,47 +227,49 @@ contains
     real(wp), intent(in) :: radius           !! of the roller [m]
     logical, intent(in) :: flat
     type(pair_limits), intent(out) :: found
+    real(wp), dimension(0:samples*size(self%radius)) :: u, rho   ! [any], radius of curvature of the curve [m]
+    integer :: flaw(0:samples*size(self%radius)), i, k, first, last
     type(curve_place) :: q
     type(profile_foot) :: foot
-    real(wp) :: u(0:samples*size(self%radius)), bend
-    integer :: flaw(0:samples*size(self%radius)), i, k, n, first
-    n = size(self%radius)*samples
-    flaw = 0
-    do i = 0, n
+    do i = 0, size(u) - 1
       k = min(i/samples, size(self%radius) - 1)
       u(i) = self%ends(k)%u + (self%ends(k + 1)%u - self%ends(k)%u)*(i - k*samples)/samples
-      q = self%at(u(i), 0)
-      bend = 0.0_wp
-      if (1 - q%curvature*self%inset > 0.0_wp) bend = inset_curvature(self, q%curvature)
+      q = self%at(u(i), no_piece)
+      rho(i) = huge(1.0_wp)
+      if (abs(q%curvature) > sqrt(tiny(1.0_wp))) rho(i) = 1/q%curvature
+      found%reach = max(found%reach, abs(dot_product(q%c, turn(q%n))))
+      flaw(i) = 0
       if (1 - q%curvature*self%inset <= 0.0_wp .or. q%speed <= 0.0_wp) then
         flaw(i) = flaw_undercut
       else if (flat .and. .not. q%curvature > 0.0_wp) then
         flaw(i) = flaw_concave
-      else if (1 + bend*radius <= 0.0_wp) then
+      else if (1 + q%curvature*(radius - self%inset) <= 0.0_wp) then
         flaw(i) = flaw_hollow
       else
-        foot = self%nearest(q%c + (radius - self%inset)*q%n, 0)
+        foot = self%nearest(q%c + (radius - self%inset)*q%n, no_piece)
         if (abs(foot%distance - radius) > same*(norm2(q%c) + radius)) flaw(i) = flaw_double
       end if
-      if (flaw(i) > 0 .and. found%flaw == 0) found = pair_limits(flaw=flaw(i))
-      found%reach = max(found%reach, abs(dot_product(q%c, turn(q%n))))
-      if (flaw(i) /= found%flaw .or. .not. abs(q%curvature) > 0.0_wp) cycle
-      if (flaw(i) == flaw_undercut) then
-        found%radius = min(found%radius, 1/q%curvature)
-      else if (flaw(i) > 0) then
-        found%radius = min(found%radius, 1/abs(q%curvature))
-      else if (q%curvature > 0.0_wp) then
-        found%radius = min(found%radius, 1/q%curvature - self%inset)
-      end if
     end do
-    if (found%flaw == 0) return
-    first = 0
-    if (self%closed .and. any(flaw == 0)) first = findloc(flaw, 0, 1) - 1      ! the range may go over the beginning
-    flaw = cshift(flaw, first)
-    u = cshift(u, first)
-    first = findloc(flaw > 0, .true., 1)
-    k = findloc(flaw(first:) == 0, .true., 1)
-    if (k == 0) k = n - first + 3
-    found%range = [u(first - 1), u(first + k - 3)]
+    first = findloc(flaw > 0, .true., 1) - 1
+    if (first < 0) then
+      found%radius = minval(rho, rho > 0.0_wp) - self%inset
+      return
+    end if
+    found%flaw = flaw(first)
+    if (self%closed .and. first == 0 .and. any(flaw == 0)) then                ! the range may go over the beginning
+      first = findloc(flaw == 0, .true., 1, back=.true.)
+      flaw = cshift(flaw, first)
+      u = cshift(u, first)
+      rho = cshift(rho, first)
+      first = 0
+    end if
+    last = first
+    do while (last < size(u) - 1)
+      if (flaw(last + 1) == 0) exit
+      last = last + 1
+    end do
+    found%range = [u(first), u(last)]
+    rho = merge(rho, abs(rho), found%flaw == flaw_undercut)
+    found%radius = minval(rho, flaw == found%flaw)
   end subroutine examine
 end module curve_profile

@@ -6,21 +6,22 @@ module profile
   private
 
   integer, parameter :: circle_points = 96   !! of a picture
+  real(wp), parameter, public :: no_piece = huge(1.0_wp)   !! no piece of a law goes on beyond its ends: the law itself is meant
 
   !> The place of a profile that is nearest to a point.
   type, public :: profile_foot
     real(wp) :: distance = 0.0_wp            !! of the point, negative within the profile [m]
     real(wp) :: n(2) = [1.0_wp, 0.0_wp]      !! outward normal [-]
     real(wp) :: curvature = 0.0_wp           !! of the profile, positive where it is convex [1/m]
-    real(wp) :: u = 0.0_wp                   !! where on its curve [any]
-    real(wp) :: advance = 0.0_wp             !! of u with the point along the tangent [any/m]
+    real(wp) :: angle = 0.0_wp               !! the argument of a law there [rad]
+    real(wp) :: advance = 0.0_wp             !! of it with the point along the tangent [rad/m]
   end type profile_foot
 
   !> How far it reaches in a direction.
   type, public :: profile_reach
     real(wp) :: p(0:2) = 0.0_wp              !! the support, with two derivatives [m]
-    real(wp) :: u = 0.0_wp                   !! of the place that is farthest [any]
-    real(wp) :: advance = 0.0_wp             !! of u with the direction [any/rad]
+    real(wp) :: angle = 0.0_wp               !! the argument of a law at the place that is farthest [rad]
+    real(wp) :: advance = 0.0_wp             !! of it with the direction [-]
   end type profile_reach
 
   !> A profile.
@@ -39,14 +40,14 @@ module profile
       import :: profile_model, profile_foot, wp
       class(profile_model), intent(in) :: self
       real(wp), intent(in) :: d(2)           !! [m]
-      integer, intent(in) :: piece           !! that goes on beyond its ends, of a law with corners; 0: none
+      real(wp), intent(in) :: piece          !! argument of a law on a piece that goes on beyond its ends, or no_piece [rad]
     end function nearest_place
     !> Largest n(alpha).c of a convex profile.
     pure type(profile_reach) function reach_of(self, alpha, piece) result(reach)
       import :: profile_model, profile_reach, wp
       class(profile_model), intent(in) :: self
       real(wp), intent(in) :: alpha          !! of the direction n [rad]
-      integer, intent(in) :: piece           !! 0: none
+      real(wp), intent(in) :: piece          !! as of the nearest place [rad]
     end function reach_of
     !> Points all along it, for pictures.
     pure function points_of(self) result(c)
@@ -72,7 +73,7 @@ contains
   pure type(profile_foot) function circle_nearest(self, d, piece) result(foot)
     class(circle_model), intent(in) :: self
     real(wp), intent(in) :: d(2)             !! [m]
-    integer, intent(in) :: piece             !! not used
+    real(wp), intent(in) :: piece            !! not used [rad]
     real(wp) :: r
     r = sqrt(d(1)**2 + d(2)**2)
     if (r > 0.0_wp) foot%n = d/r
@@ -88,7 +89,7 @@ contains
   pure type(profile_reach) function circle_support(self, alpha, piece) result(reach)
     class(circle_model), intent(in) :: self
     real(wp), intent(in) :: alpha            !! [rad]
-    integer, intent(in) :: piece             !! not used
+    real(wp), intent(in) :: piece            !! not used [rad]
     reach%p(0) = self%radius
   end function circle_support
 
