@@ -11,6 +11,7 @@ module clearance_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use scene_model, only: scene
+  use text, only: either, to_text
   use trial_scene, only: assemble_scene
   implicit none (type, external)
   private
@@ -21,16 +22,19 @@ module clearance_start
 contains
 
   !> Positions and velocities from which the assembly of a scene begins. Where the pins cannot be held, as velocities that the deck
-  !> states contradict that, they stay as they are.
-  subroutine start_through_clearances(d, s)
+  !> states contradict that, they stay as they are, and a sentence says so.
+  subroutine start_through_clearances(d, s, contradiction)
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s                 !! of this deck
+    character(:), allocatable, intent(out) :: contradiction   !! empty: there is none
     type(mechanism_model) :: m
     real(wp), allocatable :: q(:), v(:)             ! (3 times bodies) [m, rad], [m/s, rad/s]
     integer, allocatable :: pins(:)                 ! clearances beside which the deck leaves something open
     logical, allocatable :: outside(:), still(:)    ! (pins) of their holes
+    real(wp), allocatable :: off(:)                 ! (3 times bodies) by how much stated velocities differ [m/s, rad/s]
     logical :: ok
     integer :: k
+    contradiction = ''
     associate (a => d%stops%a%body, b => d%stops%b%body)
       pins = pack([(k, k=1, size(a))], d%stops%type == 'clearance' .and. .not. (is_stated(a) .and. is_stated(b) .and. &
                                                                                 is_placed(a) .and. is_placed(b)))
@@ -44,8 +48,17 @@ contains
       if (.not. ok) return
       call take(s%start, q, spread(.true., 1, size(q)))
     end if
-    if (any(m%s%stated .and. abs(v - m%s%v0) > same*maxval(abs(v)))) return
-    call take(s%v0, v, .not. m%s%stated)
+    off = merge(abs(v - m%s%v0), 0.0_wp, m%s%stated)
+    k = maxloc(off, 1)
+    if (off(k) > same*maxval(abs(v))) then
+      contradiction = 'velocities that the deck states contradict pins that stand still in their clearances: '// &
+        either('angular_velocity', 'velocity', modulo(k, 3) == 0)//' of body "'//trim(d%bodies((k + 2)/3)%name)//'" would be '// &
+        to_text(v(k))//either(' rad/s', ' m/s', modulo(k, 3) == 0)//', not '//to_text(m%s%v0(k))// &
+        ': so the pins of all clearances move from the start, and strike; expected the velocities of all bodies beside '// &
+        'clearances, or of none'
+    else
+      call take(s%v0, v, .not. m%s%stated)
+    end if
   contains
     !> Whether the deck states the velocities of a body, or it is the ground.
     pure elemental logical function is_stated(body)

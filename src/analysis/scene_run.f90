@@ -9,7 +9,7 @@ module scene_run
   use build_scene, only: build
   use clearance_start, only: start_through_clearances
   use assembly_conflict, only: explain_open_joints, deck_line_of
-  use assembly_reports, only: assembly_report
+  use assembly_reports, only: add_warning, assembly_report
   use controls, only: switch_on_controls
   use mechanism_ode, only: mechanism_system
   use posix, only: caught_signal
@@ -95,10 +95,12 @@ contains
     type(fault_list), intent(inout) :: faults
     type(failure), intent(inout) :: fail
     type(scene) :: s
+    character(:), allocatable :: contradiction
     call build(run%d, s, faults)
     if (faults%count > 0) return
-    call start_through_clearances(run%d, s)
+    call start_through_clearances(run%d, s, contradiction)
     call assemble_run(run, s, fail)
+    if (len(contradiction) > 0 .and. .not. fail%happened()) call add_warning(run%assembly, contradiction)
   end subroutine prepare_run
 
   !> Assembles a scene that is built, in place of what the run has had.
