@@ -112,6 +112,12 @@ contains
       end associate
     end do
     call evaluate_states(m, ev, at)
+    if (ok .and. ev%broken) then                 ! of loads that are zero now but for rounding, friction at its limit bears nothing
+      do k = 1, size(x%rests)
+        if (x%rests(k) .and. abs(relation(m, ev, x, k)) == row_at_limit) call set_relation(m, ev, x, k, row_unloaded)
+      end do
+      call evaluate_states(m, ev, at)
+    end if
     ok = ok .and. .not. ev%broken
   end subroutine find_states
 
@@ -214,8 +220,8 @@ contains
     do pass = 1, passes
       call find_next(m, ev, x, next, over)
       n = count(next /= keeps)
-      ok = n == 0
-      if (ok) return
+      ok = n == 0 .and. .not. ev%broken
+      if (n == 0) return
       since = since + 1
       if (n < least .and. pass > 1) since = 0
       least = min(n, least)
@@ -270,7 +276,9 @@ contains
         state = relation(m, ev, x, k)
         slack = now%noise/now%compliance
         limit = 0.0_wp
-        if (side /= 0) then
+        if (ev%broken) then                      ! no forces meet the law: other rows are to be at their limits
+          if (any(abs(state) == [row_slips, row_at_limit])) next(k) = row_stuck
+        else if (side /= 0) then
           slack = slack + resting*ev%rows%strongest
           least = 2*now%compliance*slack
           if (state == row_stuck .and. side*f <= slack) next(k) = row_unloaded

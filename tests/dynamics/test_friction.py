@@ -151,6 +151,46 @@ def test_no_motion_through_a_change_point(run_deck):
         assert 0.38 < float(lost.split(" at t = ")[1].split()[0]) < 0.4
 
 
+JAM = """&scene gravity=0,0 /
+&parameter name='b' value={-asin(0.2*sin(0.6)/0.47)} /
+&body name='crank' mass=1 inertia=0.02 com=0.1,0 angle=0.6 /
+&body name='rod' mass=0.5 inertia=0.01 com=0.235,0 position={0.2*cos(0.6)},{0.2*sin(0.6)} angle={b} /
+&body name='slider' mass=0.4 inertia=1e-3 position={0.2*cos(0.6)+0.47*cos(b)},0 /
+&joint name='main' type='revolute' body_a='crank' friction=0.07 pin_radius=0.007 /
+&joint name='big' type='revolute' body_a='rod' body_b='crank' point_b=0.2,0 /
+&joint name='small' type='revolute' body_a='rod' point_a=0.47,0 body_b='slider' friction=0.26 pin_radius=0.015 preload=0.12 /
+&joint name='rail' type='prismatic' body_a='slider' friction=0.42 /
+&stop name='limit' type='rotation' body_a='crank' upper=1.2 restitution=0 /
+&history name='turn' kind='sine' amplitude=5.2 frequency=2.8 phase=0.12 /
+&force name='motor' type='torque' body='crank' moment=1 history='turn' /
+&sensor name='crank' quantity='angle' body='crank' /
+&transient METHOD t_end=0.3 output_step=0.01 /
+"""
+
+
+def test_breaks_away_after_a_load_has_passed_through_zero(run_deck):
+    """A crank lies at its stop when the motor's moment turns back; it leaves when statics with all joints at their limits say so.
+
+    The friction in the rail presses it harder than it brakes while the pin of the rod sticks.
+    """
+    psi = -np.arcsin(0.2 * sin(1.2) / 0.47)
+    moment = pin = normal = 0.0
+    for _ in range(200):
+        along, turning = 0.42 * normal, 0.26 * 0.015 * pin + 0.12  # what opposes the slider's and the rod's motion
+        normal = abs((turning / 0.47 - sin(psi) * along) / cos(psi))
+        pin = hypot(along, normal)
+        moment = 0.07 * 0.007 * pin + 0.2 * (cos(1.2) * normal + sin(1.2) * along)
+    leaves = (pi + np.arcsin(moment / 5.2) - 0.12) / (2 * pi * 2.8)
+    angles = []
+    for word in ("'rk4' step=1e-3", "'rk4' step=5e-4", "'dopri5' tolerance=1e-8", "'radau' tolerance=1e-8"):
+        run = run_deck(JAM.replace("METHOD", f"method={word}"), name=re.sub("[' =]", "", word))
+        events = [line.split() for line in (run.folder / "events.txt").read_text().splitlines() if line[0] != "#"]
+        away = [float(e[0]) for e in events if e[1] == "rail" and e[3] == "forward"]
+        assert away == [pytest.approx(leaves, abs=1e-11)]
+        angles.append(run.history["crank"][-1])
+    assert angles == [pytest.approx(angles[-1], abs=1e-7)] * 4
+
+
 CRANK = """&scene gravity=0,-9.81 /
 &parameter name='b' value={-asin(0.15*sin(0.7)/0.4)} /
 &body name='crank' mass=1.2 inertia=0.004 com=0.05,0 angle=0.7 angular_velocity=30 /
