@@ -71,8 +71,8 @@ contains
     end associate
   end function rest_of
 
-  !> Coefficients c for which (V - W) c is nearest to r, of least size, and what is left of r. With an unknown period another column
-  !> for it, minus the slope; then the state moves across the slope, which is the phase condition.
+  !> Coefficients c for which (V - W) c is nearest to r, of least size, and what is left of r. With an unknown period there is
+  !> another column for it, minus the slope; the directions are then across the slope, which is the phase condition.
   subroutine fit(self, r, slope, c, rest)
     class(direction_space), intent(in) :: self
     real(wp), intent(in) :: r(:)              !! (n) [-]
@@ -80,25 +80,20 @@ contains
     real(wp), allocatable, intent(out) :: c(:)   !! (space), and the change of the period over it [-]
     real(wp), intent(out) :: rest(:)          !! (n) [-]
     real(wp), parameter :: cut = 1.0e-7_wp    ! singular values below it are rounding of quotients, of the largest [-]
-    real(wp), allocatable :: a(:, :), s(:), u(:, :), vt(:, :), b(:)
-    integer :: columns, n
-    n = size(r)
+    real(wp), allocatable :: a(:, :), s(:), u(:, :), vt(:, :)
+    integer :: columns
     columns = self%count + min(1, size(slope))
-    allocate (a(n + min(1, size(slope)), columns), source=0.0_wp)
-    b = [r, spread(0.0_wp, 1, size(a, 1) - n)]
-    a(:n, :self%count) = self%v(:, :self%count) - self%w(:, :self%count)
-    if (size(slope) > 0) then
-      a(:n, columns) = -slope
-      a(n + 1, :self%count) = matmul(slope/norm2(slope), self%v(:, :self%count))
-    end if
     allocate (c(columns), source=0.0_wp)
     rest = r
     if (columns == 0) return
+    allocate (a(size(r), columns))
+    a(:, :self%count) = self%v(:, :self%count) - self%w(:, :self%count)
+    if (size(slope) > 0) a(:, columns) = -slope
     call decompose(a, s, u, vt)
     associate (m => count(s > cut*s(1)))
-      c = matmul(matmul(b, u(:, :m))/s(:m), vt(:m, :))
+      c = matmul(matmul(r, u(:, :m))/s(:m), vt(:m, :))
     end associate
-    rest = r - matmul(a(:n, :), c)
+    rest = r - matmul(a, c)
   end subroutine fit
 
   !> Singular values and vectors of a tall or wide matrix.

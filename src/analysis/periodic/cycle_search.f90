@@ -7,53 +7,47 @@ module cycle_search
   use checkpoint, only: write_checkpoint
   use difference_space, only: direction_space, ritz_pairs
   use errors, only: failure, status_signal
-  use mechanism_ode, only: mechanism_system
   use progress, only: progress_line
   use scene_run, only: run_state, no_output
+  use sorting, only: sort_by_number
   use switching, only: event_list, switch_event
   use text, only: either, es_text, to_text
   use turn_log, only: turn_result
-  use turn_map, only: period_map
+  use turn_map, only: period_map, difference
   implicit none (type, external)
   private
 
-  real(wp), parameter :: difference = 1.0e-4_wp      !! of a difference quotient, of the scales [-]
   real(wp), parameter :: inner = 1.0e-3_wp           !! what a step may leave of the change [-]
   real(wp), parameter :: enough = 0.1_wp             !! the same, of the tolerance [-]
   real(wp), parameter :: most_of_period = 0.2_wp     !! by which a step may change it [-]
-  integer, parameter :: most_slow = 4                !! Newton steps without half the change
-  integer, parameter :: most_halves = 1              !! of a Newton step
-  integer, parameter :: plain = 10                   !! turns then
+  real(wp), parameter :: new = 0.1_wp                !! of a new direction is orthogonal to those before, at least [-]
+  integer, parameter :: few = 10                     !! plain turns that are cheaper than a space
 
   !> A cycle that is sought, or found.
   type, public :: cycle_state
     type(period_map) :: map
-    type(turn_result) :: turn                        !! the last turn from an iterate
-    real(wp) :: period = 0.0_wp                      !! [s]
+    type(turn_result) :: turn                        !! the last turn from an iterate; after the search that which repeats best
+    real(wp) :: period = 0.0_wp                      !! of it [s]
     logical :: free_period = .false.                 !! it is an unknown
-    real(wp), allocatable :: x(:)                    !! (ny) the iterate [m, rad], [m/s, rad/s], [J]
     real(wp) :: residual = huge(1.0_wp)              !! largest change of an unknown in that turn, of its scale [-]
     logical :: found = .false.
     integer :: turns = 0                             !! all turns so far
-    integer :: steps = 0                             !! of a turn
-    real(wp) :: start_error = -1.0_wp                !! change of the start by twice the steps, of the scales; < 0: not known [-]
-    real(wp), allocatable :: coarse(:)               !! (ny) the start with half the steps [m, rad], [m/s, rad/s], [J]
     integer :: turns_to_cycle = 0                    !! of them for the cycle
     integer :: most_turns = 300
     real(wp) :: tolerance = 1.0e-9_wp                !! largest change of a cycle [-]
     type(progress_line) :: line
     type(failure) :: fail                            !! a signal, or a checkpoint that could not be written
-    logical :: lost_first = .false.                  !! the first turn did not come to its end
+    type(switch_event) :: changed                    !! an event of a turn that another turn had not; element 0: none
+    real(wp) :: again = 0.0_wp                       !! change in a second turn, where bodies move on [-]
+    real(wp) :: start_error = -1.0_wp                !! change of the start by twice the steps, of the scales; < 0: not known [-]
+    type(turn_result) :: coarse                      !! the turn with half the steps
     type(direction_space) :: space                   !! of the multipliers
     type(ritz_pairs) :: pairs
     real(wp), allocatable :: error(:)                !! (pairs) of the multipliers; of steps, too, where they have been halved [-]
     integer :: wanted = 0                            !! pairs that were asked for, and found
     integer :: time = 0                              !! the pair that belongs to time, where the period is an unknown
     logical :: grazes = .false.                      !! events change on both sides of the cycle
-    type(switch_event) :: changed                    !! an event of a turn that another turn had not; element 0: none
-    real(wp) :: again = 0.0_wp                       !! change in a second turn, where bodies move on [-]
   contains
-    procedure :: begin
     procedure :: find_cycle
     procedure :: search_again
     procedure :: halve_steps
@@ -63,29 +57,6 @@ module cycle_search
 
 contains
 
-  !> The first turn, from the present state. Where it has events a plain turn follows: those of a start that has not settled say
-  !> little of the cycle's.
-  subroutine begin(self, run)
-    class(cycle_state), intent(inout) :: self
-    type(run_state), intent(inout) :: run
-    type(turn_result) :: next
-    logical :: taken
-    call make_turn(self, run, self%x, self%period, self%turn)
-    if (self%fail%happened()) return
-    self%lost_first = self%turn%lost
-    if (self%lost_first) return
-    call self%map%set_scales(self%turn%range, self%period)
-    if (self%free_period .or. self%turn%events%count == 0) return
-    associate (r => self%map%change(self%turn))
-      if (maxval(abs(r)) < self%tolerance) return
-      call make_turn(self, run, plain_start(self, self%turn), self%period, next)
-      if (self%fail%happened() .or. next%lost) return
-      taken = norm2(self%map%change(next)) < norm2(r)
-      if (.not. taken) taken = .not. same_events(self%turn%events, next%events, self%changed)
-      if (taken) self%turn = next
-    end associate
-  end subroutine begin
-
   !> The next turn: that of a checkpoint, where it has it. Else, where the deck asks for checkpoints, it is kept in one.
   subroutine make_turn(self, run, x, period, turn, held)
     class(cycle_state), intent(inout) :: self
@@ -94,157 +65,110 @@ contains
     real(wp), intent(in) :: period                   !! [s]
     type(turn_result), intent(out) :: turn
     integer, intent(in), optional :: held(:)         !! (elements that switch) states whose rows hold at the start
-    integer, allocatable :: states(:)
+    type(value_archive) :: a
     integer :: signal
-    logical :: due
-    due = .false.
-    turn%steps = self%steps
+    logical :: ok
     associate (list => run%turns, interval => run%d%transient%checkpoint_interval)
       if (list%played == list%count) then
-        states = [integer ::]
-        if (present(held)) states = held
-        call self%map%march(x, period, self%turns == 0, states, turn, signal)
-        if (signal > 0) then
-          call self%fail%raise(status_signal + signal, 'stopped by signal '//to_text(signal)//' after '//to_text(list%count)// &
-                               ' turns; biela --restart continues from there')
-        else
-          call list%add(turn)
+        call self%map%march(x, period, held, turn, signal)
+        if (signal > 0) call self%fail%raise(status_signal + signal, 'stopped by signal '//to_text(signal)//' after '// &
+                                             to_text(list%count)//' turns; biela --restart continues from there')
+        if (signal == 0) call list%add(turn)
+        ok = signal == 0
+        if (ok .and. interval > 0.0_wp) ok = .not. aint(list%count*period/interval) > aint((list%count - 1)*period/interval)
+        if (.not. ok) then
+          call a%begin_saving()
+          if (run%model_found) call run%exchange_model(a)
+          call list%exchange(a)
+          call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)
+          if (.not. ok) call no_output(run, self%fail)
         end if
-        if (interval > 0.0_wp) due = aint(list%count*period/interval) > aint((list%count - 1)*period/interval)
-        if (due .or. signal > 0) call keep_turns(run, self%fail)
         self%found = self%found .and. .not. self%fail%happened()
         if (self%fail%happened()) return
       end if
       list%played = list%played + 1
       turn = list%items(list%played)
     end associate
+    if (self%turns == 0) call self%map%divide(turn)
     self%turns = self%turns + 1
-    self%steps = turn%steps
     call self%line%tell('turn '//to_text(self%turns)// &
                         either(' (multipliers)', ': repeats to '//es_text(self%residual, 1), self%found)//'   ')
   end subroutine make_turn
 
-  !> Writes a checkpoint of all turns.
-  subroutine keep_turns(run, fail)
-    type(run_state), intent(inout) :: run
-    type(failure), intent(inout) :: fail
-    type(value_archive) :: a
-    logical :: ok
-    call a%begin_saving()
-    if (run%model_found) call run%exchange_model(a)
-    call run%turns%exchange(a)
-    call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)
-    if (.not. ok) call no_output(run, fail)
-  end subroutine keep_turns
-
-  !> Newton's method until the motion repeats to the tolerance, or is found not to.
-  subroutine find_cycle(self, run)
+  !> Newton's method until the motion repeats to the tolerance. While the change falls so fast that few turns are left, steps keep
+  !> the space that they have; at first it is empty, which makes them plain turns. Where a step leads farther away, plain turns
+  !> follow, each time one more.
+  subroutine find_cycle(self, run, x, period)
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
+    real(wp), intent(in) :: x(:)                     !! (ny) the first start [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(in) :: period                   !! the first one [s]
     type(direction_space) :: space
-    type(turn_result) :: next, best
-    real(wp), allocatable :: r(:), last(:)           ! change in the turn, in the one before [-]
-    real(wp) :: best_period, period, target          ! [s], [s], [-]
-    real(wp), allocatable :: x(:)
-    integer :: slow, rescues, k
-    logical :: ok
-    best = self%turn
-    best_period = self%period
-    target = huge(1.0_wp)
-    slow = 0
-    rescues = 0
-    last = [real(wp) ::]
+    type(turn_result) :: now, next
+    type(switch_event) :: event                      ! that only one of both has
+    real(wp), allocatable :: r(:)                    ! change in a turn [-]
+    real(wp) :: last                                 ! its size one step before [-]
+    integer :: plain, k
+    logical :: kept, better                          ! the space is; the step leads nearer
+    self%residual = huge(1.0_wp)
+    self%found = .false.
+    call make_turn(self, run, x, period, now)
+    self%turn = now
     call space%clear(size(self%map%compared))
-    do
-      r = self%map%change(self%turn)
+    last = huge(1.0_wp)
+    plain = 1
+    do while (.not. (self%fail%happened() .or. now%lost))
+      r = self%map%change(now)
       if (maxval(abs(r)) < self%residual) then
         self%residual = maxval(abs(r))
-        best = self%turn
-        best_period = self%period
+        self%turn = now
       end if
       self%found = self%residual < self%tolerance
       if (self%found .or. self%turns >= self%most_turns) exit
-      slow = slow + 1
-      if (self%residual < 0.5_wp*target) slow = 0
-      if (slow == 0) target = self%residual
-      if (slow > most_slow) then
-        rescues = rescues + 1
-        if (rescues > 2) exit
-        self%turn = best
-        self%period = best_period
-        call space%clear(size(r))
-        do k = 1, plain
-          call make_turn(self, run, plain_start(self, self%turn), self%period, next)
-          if (self%fail%happened()) return
-          if (next%lost) exit
-          ok = same_events(self%turn%events, next%events, self%changed)
-          self%turn = next
-        end do
-        target = huge(1.0_wp)
-        slow = 0
-        self%residual = huge(1.0_wp)
-        last = [real(wp) ::]
-        cycle
-      end if
-      if (size(last) > 0) then
-        if (.not. worth_keeping(space, norm2(r)/norm2(last), self%tolerance/self%residual)) call space%clear(size(r))
-      end if
-      last = r
-      call step(self, run, space, r, x, period)
+      kept = norm2(r) < last
+      if (kept) kept = log(self%tolerance/maxval(abs(r)))/log(norm2(r)/last) <= merge(few, space%count + 1, space%count == 0)
+      last = norm2(r)
+      if (.not. kept) call space%clear(size(r))
+      call step(self, run, now, space, space%count > 0 .or. .not. kept, next)
       if (self%fail%happened()) return
-      ok = .false.
-      do k = 0, most_halves                          ! of a step that is lost, or leads farther away
-        call make_turn(self, run, self%turn%start + (x - self%turn%start)*0.5_wp**k, &
-                       self%period + (period - self%period)*0.5_wp**k, next)
-        if (self%fail%happened()) return
-        if (next%lost) cycle
-        ok = norm2(self%map%change(next)) < norm2(r)
-        if (ok) exit
-        if (.not. same_events(self%turn%events, next%events, self%changed)) exit
-      end do
-      if (ok) then
-        self%period = self%period + (period - self%period)*0.5_wp**k
-      else
-        call space%clear(size(r))
-        call make_turn(self, run, plain_start(self, self%turn), self%period, next)
+      event = difference_of(now%events, next%events)
+      if (event%element > 0) self%changed = event
+      better = .not. next%lost
+      if (better) better = norm2(self%map%change(next)) < last
+      if (better) now = next
+      if (better .or. kept) cycle
+      call space%clear(size(r))
+      do k = 1, plain
+        call step(self, run, now, space, .false., next)
         if (self%fail%happened()) return
         if (next%lost) exit
-      end if
-      self%turn = next
+        now = next
+      end do
+      if (next%lost) exit
+      plain = plain + 1
+      last = huge(1.0_wp)
     end do
-    self%turn = best
-    self%period = best_period
+    self%period = self%turn%period
     self%turns_to_cycle = self%turns
   end subroutine find_cycle
 
   !> The cycle of another map, from the start of the last one.
-  subroutine search_again(self, run, first)
+  subroutine search_again(self, run)
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
-    real(wp), intent(inout), optional :: first       !! largest change in its first turn, of the scales [-]
-    type(turn_result) :: last
-    last = self%turn
-    self%residual = huge(1.0_wp)
-    self%found = .false.
-    call make_turn(self, run, last%start, self%period, self%turn)
-    if (self%fail%happened() .or. self%turn%lost) return
-    if (present(first)) first = maxval(abs(self%map%change(self%turn)))
-    call self%find_cycle(run)
+    real(wp), allocatable :: x(:)
+    x = self%turn%start
+    call self%find_cycle(run, x, (self%turn%period))
   end subroutine search_again
 
   !> The same cycle with twice the steps, which tells the error of the first one.
   subroutine halve_steps(self, run)
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
-    type(turn_result) :: coarse
-    coarse = self%turn
-    self%coarse = coarse%start
-    self%steps = 2*self%steps
-    call self%search_again(run, self%start_error)
-    if (self%fail%happened() .or. self%turn%lost) return
-    associate (moved => abs(self%map%scaled(self%turn%start) - self%map%scaled(coarse%start)))
-      self%start_error = max(self%start_error, maxval(moved))
-    end associate
+    self%coarse = self%turn
+    self%map%steps = 2*self%map%steps
+    call self%search_again(run)
+    self%start_error = maxval(abs(self%map%scaled(self%turn%start) - self%map%scaled(self%coarse%start)))
   end subroutine halve_steps
 
   !> Where bodies move on: a second turn from where they are then, which differs where their place matters.
@@ -259,133 +183,115 @@ contains
     if (.not. next%lost) self%again = maxval(abs(self%map%change(next)))
   end subroutine turn_again
 
-  !> Whether a space of other states leads to the goal in fewer turns than a new one, which takes as many and one.
-  pure logical function worth_keeping(space, fall, goal) result(yes)
-    type(direction_space), intent(in) :: space
-    real(wp), intent(in) :: fall                     !! of the change by the last step [-]
-    real(wp), intent(in) :: goal                     !! still to be gone [-]
-    yes = fall < 1.0_wp
-    if (yes) yes = log(goal)/log(fall) <= space%count + 1
-  end function worth_keeping
-
-  !> Where a turn has ended, less whole turns and what does not repeat: the start of a plain turn.
-  function plain_start(self, turn) result(x)
-    type(cycle_state), intent(in) :: self
-    type(turn_result), intent(in) :: turn
-    real(wp) :: x(size(turn%start))                  ! [m, rad], [m/s, rad/s], [J]
-    x = self%map%moved(turn%start, self%map%change(turn))
-  end function plain_start
-
-  !> Newton's step: the space grows until it explains the change but for a small part, which is left to the turn itself.
-  subroutine step(self, run, space, r, x, period)
+  !> Newton's step from a turn, and the turn there. The space grows until it explains the change but for a small part; what it
+  !> does not explain is left to the turn, which damps it.
+  subroutine step(self, run, now, space, grows, next)
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
+    type(turn_result), intent(in) :: now
     type(direction_space), intent(inout) :: space
-    real(wp), intent(in) :: r(:)                     !! change in the turn [-]
-    real(wp), allocatable, intent(out) :: x(:)       !! (ny) the next start [m, rad], [m/s, rad/s], [J]
-    real(wp), intent(out) :: period                  !! [s]
+    logical, intent(in) :: grows                     !! the space may grow
+    type(turn_result), intent(out) :: next
     real(wp), allocatable :: c(:), slope(:)
-    real(wp) :: rest(size(r)), v(size(r)), asked(size(r)), w(size(r)), second   ! [-]
+    real(wp), dimension(size(self%map%compared)) :: r, rest, v, asked, w   ! [-]
+    real(wp) :: period, second                       ! [s], [-]
+    r = self%map%change(now)
     slope = [real(wp) ::]
-    if (self%free_period) slope = self%map%scaled(self%turn%slope)*self%period
+    if (self%free_period) slope = self%map%scaled(now%slope)*now%period
     do
       call space%fit(r, slope, c, rest)
-      if (norm2(rest) <= max(inner*norm2(r), enough*self%tolerance)) exit
-      if (self%turns >= self%most_turns .or. space%count >= size(r)) exit
-      asked = space%rest_of(rest)
-      if (norm2(asked) <= inner*norm2(rest)) exit    ! no direction is left
+      if (.not. grows .or. self%turns >= self%most_turns .or. space%count >= size(r)) exit
+      asked = self%map%tangent(now, rest)
+      if (norm2(asked) <= max(inner*norm2(r), enough*self%tolerance)) exit
+      asked = across(asked)
+      asked = across(self%map%tangent(now, asked/max(norm2(asked), tiny(1.0_wp))))
+      if (norm2(asked) < new) exit                   ! the joints allow no other direction
       asked = asked/norm2(asked)
-      call one_quotient(self, run, asked, .false., v, w, second)
+      call one_quotient(self, run, now, asked, .false., v, w, second)
       if (self%fail%happened()) return
       call space%add(asked, v, w)
     end do
-    if (self%map%moves_on) then                      ! the joints take what is not compared along, as in the quotients
-      rest = rest + matmul(space%basis(:, :space%count), c(:space%count))
-    else
-      rest = rest + matmul(space%v(:, :space%count), c(:space%count))
-    end if
-    x = self%map%moved(self%turn%start, rest)
-    period = self%period
+    rest = rest + matmul(space%basis(:, :space%count), c(:space%count))   ! the joints make v of it, as in the quotients
+    period = now%period
     if (self%free_period) period = period*(1 + max(-most_of_period, min(most_of_period, c(size(c)))))
+    call make_turn(self, run, self%map%moved(now%start, rest), period, next)
+  contains
+    !> What of a direction is across those of the space, and across the slope: the phase stays.
+    function across(x) result(y)
+      real(wp), intent(in) :: x(:)                   !! [-]
+      real(wp) :: y(size(x))                         ! [-]
+      y = space%rest_of(x)
+      if (size(slope) > 0) y = y - slope*dot_product(slope, y)/dot_product(slope, slope)
+    end function across
   end subroutine step
 
-  !> A difference quotient along a direction: between the cycle's turn and one from a moved start, or between two moved ones. Of a
-  !> turn whose events are others than those of the cycle nothing is used.
-  subroutine one_quotient(self, run, asked, central, v, w, second)
+  !> A difference quotient along a direction: between a turn and one from a moved start, or between two moved ones. Of a turn whose
+  !> events are others nothing is used.
+  subroutine one_quotient(self, run, base, asked, central, v, w, second)
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
+    type(turn_result), intent(in) :: base
     real(wp), intent(in) :: asked(:)                 !! direction, of length 1 [-]
     logical, intent(in) :: central
     real(wp), intent(out) :: v(:), w(:)              !! direction that was moved along, its image [-]
     real(wp), intent(out) :: second                  !! size of the second difference, over the difference [-]
-    type(turn_result) :: side(2)
+    type(turn_result) :: side
     real(wp), dimension(size(asked), 2) :: from, to  ! [-]
-    real(wp) :: sign_of                              ! [-]
+    real(wp) :: h                                    ! [-]
     logical :: good(2)
     type(switch_event) :: changed
     integer :: k
     good = .false.
     do k = 1, 2
-      sign_of = 3 - 2*k
       if (k == 2 .and. good(1) .and. .not. central) exit
-      call make_turn(self, run, self%map%moved(self%turn%start, sign_of*difference*asked), self%period, side(k), &
-                     self%turn%states)
+      h = (3 - 2*k)*difference
+      call make_turn(self, run, self%map%moved(base%start, h*asked), base%period, side, base%states)
       if (self%fail%happened()) return
-      good(k) = .not. side(k)%lost
-      if (good(k)) good(k) = same_events(self%turn%events, side(k)%events, changed)
-      from(:, k) = sign_of*(self%map%scaled(side(k)%start) - self%map%scaled(self%turn%start))/difference
-      to(:, k) = sign_of*(self%map%scaled(side(k)%end) - self%map%scaled(self%turn%end))/difference
+      good(k) = .not. side%lost
+      if (good(k)) changed = difference_of(base%events, side%events)
+      good(k) = good(k) .and. changed%element == 0
+      from(:, k) = (self%map%scaled(side%start) - self%map%scaled(base%start))/h
+      to(:, k) = (self%map%scaled(side%end) - self%map%scaled(base%end))/h
     end do
     second = 0.0_wp
-    if (all(good)) then
-      second = norm2(to(:, 1) - to(:, 2))
-      v = (from(:, 1) + from(:, 2))/2
-      w = (to(:, 1) + to(:, 2))/2
-    else
-      if (.not. any(good) .and. self%found) self%grazes = .true.
-      if (self%grazes) self%changed = changed
-      k = merge(1, 2, good(1) .or. .not. good(2))
-      v = from(:, k)
-      w = to(:, k)
+    if (all(good)) second = norm2(to(:, 1) - to(:, 2))
+    if (.not. any(good)) then
+      self%changed = changed
+      self%grazes = self%found
     end if
+    h = merge(0.5_wp, 1.0_wp, all(good))
+    k = merge(2, 1, good(2))                         ! that of the first turn, where neither is good
+    v = h*from(:, k)
+    w = h*to(:, k)
+    if (all(good)) v = v + h*from(:, 1)
+    if (all(good)) w = w + h*to(:, 1)
   end subroutine one_quotient
 
-  !> Whether two turns have the same events, element by element.
-  logical function same_events(a, b, changed) result(yes)
+  !> The first event that only one of two turns has, element by element; element 0: none.
+  type(switch_event) function difference_of(a, b) result(event)
     type(event_list), intent(in) :: a, b
-    type(switch_event), intent(inout) :: changed     !! the first event that only one of them has, else as it was
     type(switch_event), allocatable :: x(:), y(:)
-    integer :: i, k
-    yes = .true.
-    do i = 1, maxval([last_element(a), last_element(b)])
-      x = events_of(a, i)
-      y = events_of(b, i)
-      do k = 1, max(size(x), size(y))
-        yes = k <= min(size(x), size(y))
-        if (yes) yes = x(k)%to == y(k)%to
-        if (yes) cycle
-        if (k <= size(x)) changed = x(k)
-        if (k > size(x)) changed = y(k)
-        return
-      end do
-    end do
-  contains
-    !> The largest number of an element in a list.
-    pure integer function last_element(list)
-      type(event_list), intent(in) :: list
-      last_element = 0
-      if (list%count > 0) last_element = maxval(list%items(1:list%count)%element)
-    end function last_element
-  end function same_events
+    integer :: k, n
+    x = by_element(a)
+    y = by_element(b)
+    n = min(size(x), size(y))
+    k = findloc(x(:n)%element == y(:n)%element .and. x(:n)%to == y(:n)%to, .false., 1)
+    if (k == 0) k = n + 1
+    if (k <= size(x)) event = x(k)
+    if (k > size(y)) return
+    if (event%element == 0 .or. y(k)%element < event%element) event = y(k)
+  end function difference_of
 
-  !> The events of one element.
-  pure function events_of(list, element) result(events)
+  !> The events of a turn, those of each element in their order.
+  pure function by_element(list) result(events)
     type(event_list), intent(in) :: list
-    integer, intent(in) :: element
     type(switch_event), allocatable :: events(:)
-    events = [switch_event ::]
-    if (list%count > 0) events = pack(list%items(1:list%count), list%items(1:list%count)%element == element)
-  end function events_of
+    integer, allocatable :: first(:), sorted(:)
+    allocate (events(0))
+    if (list%count == 0) return
+    call sort_by_number(list%items(:list%count)%element, maxval(list%items(:list%count)%element), first, sorted)
+    events = list%items(sorted)
+  end function by_element
 
   !> Arnoldi's method about the cycle, until the wanted multipliers are known to their goal or nothing is left to find.
   subroutine find_multipliers(self, run, number)
@@ -393,9 +299,9 @@ contains
     type(run_state), intent(inout) :: run
     integer, intent(in) :: number                    !! that are told
     real(wp), parameter :: goal = 1.0e-7_wp          ! what the space leaves of them [-]
-    real(wp), parameter :: new = 0.1_wp              ! of a direction that is new is orthogonal to those before, at least [-]
     real(wp), parameter :: negligible = 10.0_wp      ! a direction with so little in it is rounding, of that of quotients [-]
-    real(wp) :: v(size(self%map%compared)), asked(size(v)), w(size(v)), second, seconds   ! [-]
+    real(wp), dimension(size(self%map%compared)) :: v, asked, w   ! [-]
+    real(wp) :: second, seconds, rounding            ! [-]
     complex(wp), allocatable :: before(:)            ! multipliers of half the steps [-]
     integer :: k
     if (number == 0) return
@@ -403,57 +309,34 @@ contains
     if (self%start_error >= 0.0_wp) before = self%pairs%value
     self%pairs%value = [complex(wp) ::]
     seconds = 0.0_wp
-    call first_direction(self, asked)
+    rounding = self%map%noise/difference
     call self%space%clear(size(v))
-    do
-      call one_quotient(self, run, asked, .true., v, w, second)
+    asked = self%map%tangent(self%turn, [(cos(real(k, wp)**2), k=1, size(v))])   ! which excites all
+    do while (norm2(asked) > negligible*rounding)
+      asked = asked/norm2(asked)
+      call one_quotient(self, run, self%turn, asked, .true., v, w, second)
       if (self%fail%happened()) return
-      if (norm2(self%space%rest_of(v)) < new) exit   ! the joints allow no other direction
+      asked = self%space%rest_of(v)
+      if (norm2(asked) < new) exit                   ! the joints allow no other direction
       seconds = max(seconds, second)
-      call self%space%add(asked, v, w)
+      call self%space%add(asked/norm2(asked), v, w)
       call self%space%ritz(self%pairs)
       self%wanted = min(self%space%count, number + merge(1, 0, self%free_period))
-      if (self%wanted < self%space%count .and. self%pairs%value(self%wanted)%im > 0.0_wp) self%wanted = self%wanted + 1
-      asked = self%space%rest_of(w)
-      if (self%space%count >= size(v) .or. self%turns > self%most_turns + 1000) exit
-      if (norm2(asked) <= negligible*self%map%noise/difference) exit
-      asked = asked/norm2(asked)
-      if (self%space%count <= number) cycle
-      associate (p => self%pairs)
-        if (maxval(p%residual(:self%wanted)*p%condition(:self%wanted)) < goal) exit
+      associate (p => self%pairs, n => self%wanted)
+        if (n < self%space%count .and. p%value(n)%im > 0.0_wp) n = n + 1
+        if (self%space%count > number .and. maxval(p%residual(:n)*p%condition(:n)) < goal) exit
       end associate
+      if (self%space%count >= size(v) .or. self%turns > self%most_turns + 1000) exit
+      asked = self%space%rest_of(w)
     end do
     associate (p => self%pairs)
-      self%wanted = min(self%wanted, count(abs(p%value) > 100*self%map%noise/difference))
-      self%error = [(p%condition(k)*(p%residual(k) + seconds**2 + self%map%noise/difference), k=1, self%wanted)]
+      self%wanted = min(self%wanted, count(abs(p%value) > 100*rounding))
+      self%error = [(p%condition(k)*(p%residual(k) + seconds**2 + rounding), k=1, self%wanted)]
       do k = 1, merge(self%wanted, 0, size(before) > 0)
         self%error(k) = max(self%error(k), minval(abs(before - p%value(k))))
       end do
-      if (self%free_period .and. self%wanted > 0) then
-        asked = self%map%scaled(self%turn%slope)
-        self%time = maxloc([(abs(dot_product(p%vector(:, k), cmplx(asked, 0.0_wp, wp))), k=1, self%wanted)], 1)
-      end if
+      asked = self%map%scaled(self%turn%slope)
+      if (self%free_period) self%time = maxloc([(abs(dot_product(p%vector(:, k), cmplx(asked, 0.0_wp, wp))), k=1, self%wanted)], 1)
     end associate
   end subroutine find_multipliers
-
-  !> A direction that excites all: pseudo-random numbers, put onto the manifold.
-  subroutine first_direction(self, x)
-    class(cycle_state), intent(in) :: self
-    real(wp), intent(out) :: x(:)                    !! [-]
-    class(mechanism_system), allocatable :: system
-    real(wp), allocatable :: y(:)
-    integer :: k, seed
-    logical :: ok
-    seed = 12345
-    do k = 1, size(x)
-      seed = mod(16807*seed, 65537)
-      x(k) = seed/65537.0_wp - 0.5_wp
-    end do
-    x = x/norm2(x)
-    allocate (system, source=self%map%system)
-    y = self%map%moved(self%turn%start, difference*x)
-    call self%map%put(system, y, self%turn%states, ok)
-    if (ok) x = self%map%scaled(y) - self%map%scaled(self%turn%start)
-    x = x/max(norm2(x), tiny(1.0_wp))
-  end subroutine first_direction
 end module cycle_search

@@ -3,9 +3,9 @@
 module periodic_analysis
   use kinds, only: wp
   use cycle_search, only: cycle_state
-  use errors, only: failure, status_bad_input
+  use errors, only: failure, status_bad_input, status_failed
   use orbit_file, only: read_orbit, write_orbit
-  use periodic_words, only: cycle_lines, explain_cycle, write_floquet
+  use periodic_words, only: cycle_lines, no_cycle, write_floquet
   use scene_run, only: run_state
   use self_heating, only: heat_balance
   use summary_text, only: summary_record
@@ -22,7 +22,9 @@ contains
     type(failure), intent(inout) :: fail
     type(cycle_state) :: cycle
     type(heat_balance) :: heat
-    real(wp) :: now, before                   ! largest error, of this and of the last number of steps [-]
+    real(wp), allocatable :: start(:)         ! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp) :: period, now, before           ! [s]; largest error, of this and of the last number of steps [-]
+    character(:), allocatable :: problem
     if (run%restart) then
       call run%turns%exchange(run%saved)
       if (run%saved%damaged) call fail%raise(status_bad_input, 'the checkpoint in "'//run%folder// &
@@ -33,17 +35,16 @@ contains
     associate (p => run%d%periodic, accuracy => run%d%transient%accuracy)
       cycle%tolerance = p%tolerance
       if (accuracy > 0.0_wp .and. .not. p%own_tolerance) cycle%tolerance = 1.0e-3_wp*accuracy
-      cycle%period = p%period
       cycle%free_period = p%free_period
       cycle%most_turns = p%most_turns
       call cycle%line%begin(run%quiet, '')
       call cycle%map%begin(run)
-      if (len(run%orbit) > 0) call read_orbit(run, run%orbit, cycle%period, fail)
+      period = p%period
+      if (len(run%orbit) > 0) call read_orbit(run, run%orbit, period, fail)
       if (fail%happened()) return
-      cycle%x = run%y
+      start = run%y
       cycle%error = [real(wp) ::]
-      call cycle%begin(run)
-      if (.not. (cycle%fail%happened() .or. cycle%lost_first)) call cycle%find_cycle(run)
+      call cycle%find_cycle(run, start, period)
       call heat%begin(run)
       if (size(heat%part) > 0) call heat%settle(run, cycle)
       if (cycle%found) call cycle%find_multipliers(run, p%multipliers)
@@ -60,7 +61,8 @@ contains
     call cycle%line%finish()
     fail = cycle%fail
     if (fail%happened()) return
-    call explain_cycle(run, cycle, fail)
+    problem = no_cycle(run, cycle)
+    if (len(problem) > 0) call fail%raise(status_failed, problem)
     if (fail%happened()) return
     call set_transient(run, cycle%period)
     run%y = cycle%turn%start

@@ -2,7 +2,7 @@
 module periodic_words
   use kinds, only: wp, pi
   use cycle_search, only: cycle_state
-  use errors, only: failure, status_failed
+  use errors, only: failure
   use loss_words, only: loss_lines
   use readable_text, only: json_text
   use scene_model, only: scene
@@ -14,65 +14,51 @@ module periodic_words
   use text_file, only: result_file
   implicit none (type, external)
   private
-  public :: cycle_lines, explain_cycle, write_floquet
+  public :: cycle_lines, no_cycle, write_floquet
 
 contains
 
-  !> Fails where there is no cycle, and says what is known of it.
-  subroutine explain_cycle(run, cycle, fail)
+  !> Why there is no cycle, or why what repeats is none: a rest, rates alone, a start whose force it does not tell.
+  !> Empty: there is one.
+  function no_cycle(run, cycle) result(words)
     type(run_state), intent(in) :: run
     type(cycle_state), intent(in) :: cycle
-    type(failure), intent(inout) :: fail
-    real(wp), allocatable :: r(:)             ! [-]
-    integer :: k
-    if (cycle%lost_first) then
-      call fail%raise(status_failed, 'the first turn of the periodic analysis failed at t = '//short_text(cycle%turn%at, 4)// &
-                      ' s; the deck without &periodic says why')
-      return
-    end if
-    if (cycle%found) then
-      call refuse_false(run, cycle, fail)
-      return
-    end if
-    r = cycle%map%change(cycle%turn)
-    k = maxloc(abs(r), 1)
-    call fail%raise(status_failed, 'no cycle was found in '//to_text(cycle%turns)//' turns: the best one repeats to '// &
-                    short_text(cycle%residual, 2)//' of its range, '//to_text(cycle%tolerance)//' was asked for; '// &
-                    name_of(run%sys%m%s, cycle%map%compared(k))//' repeats worst'//drift(run, cycle, k))
-  end subroutine explain_cycle
-
-  !> Fails where what repeats is no cycle: a rest, rates alone, a start whose force it does not tell.
-  subroutine refuse_false(run, cycle, fail)
-    type(run_state), intent(in) :: run
-    type(cycle_state), intent(in) :: cycle
-    type(failure), intent(inout) :: fail
-    if (cycle%free_period) call refuse_rest(run, cycle, fail)
-    if (cycle%turn%remembers > 0) call fail%raise(status_failed, 'stop "'//element_name(run%sys%m, cycle%turn%remembers)// &
-      '" is touched at t = 0, and its force depends on the speed at touching, before that; expected histories of another '// &
-      'phase, so that all such stops are open at t = 0')
-    if (cycle%again > sqrt(cycle%tolerance)) call fail%raise(status_failed, 'the rates repeat, but the motion does not: a '// &
-      'second turn, which begins where the first one ends, differs by '//short_text(cycle%again, 2)//' of the ranges; expected '// &
-      'moves_on without bodies whose place matters, or angle_repeats for those whose angle does')
-  end subroutine refuse_false
-
-  !> What else is known of an unknown that does not repeat.
-  function drift(run, cycle, k) result(words)
-    type(run_state), intent(in) :: run
-    type(cycle_state), intent(in) :: cycle
-    integer, intent(in) :: k                  !! its number among those that repeat
+    real(wp), parameter :: still = 1.0e-6_wp, short = 0.2_wp   ! change over the scales; period over the guess [-]
     character(:), allocatable :: words
-    real(wp) :: r(size(cycle%map%compared))   ! [-]
-    integer :: b
-    associate (s => run%sys%m%s, i => cycle%map%compared(k))
-      r = cycle%map%change(cycle%turn)*cycle%map%scale
-      words = '; a motion that never repeats has statistics, by a long transient'
-      if (cycle%changed%element > 0) words = '; events of '//event_words(run, cycle%changed)//' change from turn to turn'//words
-      if (i > s%nq) return
-      b = count(s%qo < i)
-      if (i - s%qo(b) <= 3) words = ': it is '//short_text(r(k), 3)//either(' rad', ' m', i - s%qo(b) == 3)// &
-        ' farther on after a period; moves_on='//quoted(trim(s%bodies(b)%name))//' if it may be'//words
+    real(wp) :: r(size(cycle%map%compared))   ! [-], then [m, rad]
+    integer :: k, b
+    words = ''
+    associate (s => run%sys%m%s, map => cycle%map, turn => cycle%turn)
+      if (turn%lost) then
+        words = 'the first turn of the periodic analysis failed at t = '//short_text(turn%at, 4)// &
+                ' s; the deck without &periodic says why'
+      else if (.not. cycle%found) then
+        r = map%change(turn)
+        k = maxloc(abs(r), 1)
+        words = 'no cycle was found in '//to_text(cycle%turns)//' turns: the best one repeats to '// &
+                short_text(cycle%residual, 2)//' of its range, '//to_text(cycle%tolerance)//' was asked for; '// &
+                name_of(s, map%compared(k))//' repeats worst'
+        b = count(s%qo < map%compared(k))
+        if (map%compared(k) <= min(s%nq, s%qo(b) + 3)) words = words//': it is '//short_text(r(k)*map%scale(k), 3)// &
+          either(' rad', ' m', map%turning(k))//' farther on after a period; moves_on='//quoted(trim(s%bodies(b)%name))// &
+          ' if it may be'
+        if (cycle%changed%element > 0) words = words//'; events of '//event_words(run, cycle%changed)//' are not in every turn'
+        words = words//'; a motion that never repeats has statistics, by a long transient'
+      else if (cycle%free_period .and. (cycle%period < short*run%d%periodic%period .or. &
+                                        maxval(abs(map%scaled(turn%slope)))*cycle%period < still)) then
+        words = 'the search of a cycle came to a rest, which repeats after any time, or near one: a period of '// &
+                short_text(cycle%period, 3)//' s; expected a start farther from rest, or a better period_guess than '// &
+                to_text(run%d%periodic%period)//' s'
+      else if (turn%remembers > 0) then
+        words = 'stop "'//element_name(run%sys%m, turn%remembers)//'" is touched at t = 0, and its force depends on the speed '// &
+                'at touching, before that; expected histories of another phase, so that all such stops are open at t = 0'
+      else if (cycle%again > sqrt(cycle%tolerance)) then
+        words = 'the rates repeat, but the motion does not: a second turn, which begins where the first one ends, differs by '// &
+                short_text(cycle%again, 2)//' of the ranges; expected moves_on without bodies whose place matters, or '// &
+                'angle_repeats for those whose angle does'
+      end if
     end associate
-  end function drift
+  end function no_cycle
 
   !> An event, by the name of its element and its time.
   function event_words(run, event) result(words)
@@ -82,63 +68,51 @@ contains
     words = '"'//element_name(run%sys%m, event%element)//'" at t = '//short_text(event%t, 4)//' s'
   end function event_words
 
-  !> Where the period is an unknown a rest repeats after any time.
-  subroutine refuse_rest(run, cycle, fail)
-    type(run_state), intent(in) :: run
-    type(cycle_state), intent(in) :: cycle
-    type(failure), intent(inout) :: fail
-    real(wp), parameter :: still = 1.0e-6_wp, short = 0.2_wp   ! change over the scales; period over the guess [-]
-    character(:), allocatable :: words
-    words = ''
-    if (maxval(abs(cycle%map%scaled(cycle%turn%slope)))*cycle%period < still) words = 'came to a rest, which repeats after any time'
-    if (cycle%period < short*run%d%periodic%period) words = 'came to a period of '//short_text(cycle%period, 3)// &
-      ' s, so short that it is likely a rest'
-    if (len(words) > 0) call fail%raise(status_failed, 'the search of a cycle '//words//'; expected a start farther from rest, '// &
-      'or a better period_guess than '//to_text(run%d%periodic%period)//' s')
-  end subroutine refuse_rest
-
   !> The part of the summary.
   subroutine cycle_lines(run, cycle, heat, text)
     type(run_state), intent(inout) :: run
     type(cycle_state), intent(in) :: cycle
     type(heat_balance), intent(in) :: heat
     type(summary_record), intent(inout) :: text
-    integer :: k, n
-    call text%section('periodic', 'periodic')
-    call text%line('  period {period 9} s, repeats to {residual 1} after {turns_to_cycle #} turns of {steps #} steps; all '// &
-      'turns: {turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, &
-      cycle%turns_to_cycle, cycle%turn%steps, cycle%turns, cycle%turn%end(2*run%sys%m%s%nq + run%sys%m%s%nz + run%sys%m%s%nzd + 1)])
-    call loss_lines(run, cycle%turn%end, .true., text)
-    call heat%lines(run, text)
-    if (cycle%start_error >= 0.0_wp) then
-      call text%line('  error of the start: {error 1} of the ranges, by half the steps; of each column there:', [cycle%start_error])
-      call text%table('errors_of_columns', run%list%column%label(), &
-                      abs(cycle%map%columns_at(run, cycle%map%moved(cycle%turn%start, &
-                          cycle%map%change(cycle%turn))) - cycle%map%columns_at(run, cycle%coarse)), 2)   ! a turn later
-    end if
-    if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, text)
+    integer, allocatable :: list(:)
+    real(wp) :: x(7)
+    integer :: k
+    associate (s => run%sys%m%s, turn => cycle%turn)
+      call text%section('periodic', 'periodic')
+      call text%line('  period {period 9} s, repeats to {residual 1} after {turns_to_cycle #} turns of {steps #} steps; all '// &
+                     'turns: {turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, &
+                     cycle%turns_to_cycle, cycle%map%steps, cycle%turns, turn%end(2*s%nq + s%nz + s%nzd + 1)])
+      call loss_lines(run, turn%end, .true., text)
+      call heat%lines(run, text)
+      if (cycle%start_error >= 0.0_wp) then
+        call text%line('  error of the start: {error 1} of the ranges, by half the steps; of each column there:', &
+                       [cycle%start_error])
+        call text%table('errors_of_columns', run%list%column%label(), &
+                        abs(cycle%map%columns_after(run, turn) - cycle%map%columns_after(run, cycle%coarse)), 2)
+      end if
+    end associate
+    list = told(cycle)
+    if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, [list, 0], text)
     call text%open('multipliers', '[')
-    n = 0
-    do k = 1, cycle%wanted
-      if (k == cycle%time) cycle
-      n = n + 1
-      call one_multiplier(run, cycle, k, n, text)
+    do k = 1, size(list)
+      x = figures(cycle, list(k))
+      call text%item('  multiplier '//to_text(k)//': {real 8} {imag 8} i, modulus {modulus 8}, error {error 1}; growth '// &
+                     '{growth 3} 1/s at {frequency 3} Hz; moves {moves='//mover(run, cycle, list(k))//'}', [x(1:5), abs(x(6))])
     end do
     call text%close()
     call text%close()
   end subroutine cycle_lines
 
   !> Whether the cycle is stable, what of a disturbance lives longest, and where a cycle that is not stable leads.
-  subroutine stability_lines(run, cycle, text)
+  subroutine stability_lines(run, cycle, list, text)
     type(run_state), intent(inout) :: run
     type(cycle_state), intent(in) :: cycle
+    integer, intent(in) :: list(:)             !! pairs that are told, then 0
     type(summary_record), intent(inout) :: text
     real(wp), parameter :: so_near = 1.0e-6_wp   ! to 1 is 1, if the error of a multiplier is not larger [-]
     complex(wp) :: mu
     real(wp) :: near, modulus                  ! [-]
     character(:), allocatable :: what, way
-    integer :: k
-    k = findloc([(k /= cycle%time, k=1, cycle%wanted)], .true., 1)
     if (cycle%time > 0) then
       near = abs(cycle%pairs%value(cycle%time) - 1)
       if (near > 10*max(cycle%error(cycle%time), so_near)) call text%warn('the multiplier that belongs to time differs from 1 '// &
@@ -149,25 +123,23 @@ contains
     mu = 0.0_wp
     near = so_near
     what = 'any disturbance'
-    if (k > 0) then
-      mu = cycle%pairs%value(k)
-      near = max(so_near, cycle%error(k))
-      what = 'a disturbance of '//mover(run, cycle, k)
+    if (list(1) > 0) then
+      mu = cycle%pairs%value(list(1))
+      near = max(so_near, cycle%error(list(1)))
+      what = 'a disturbance of '//mover(run, cycle, list(1))
     end if
     modulus = abs(mu)
-    way = 'beat'
-    if (abs(mu%im) <= near) way = trim(merge('jump', 'flip', mu%re > 0.0_wp))
     call text%member('stable', either('true', 'false', modulus <= 1 + near))
     call text%line('  largest multiplier: {largest_multiplier 8}', [modulus])
     if (modulus < 1 - near) then
       call text%say('  {stability=stable}: '//what)
-      if (modulus > so_near) then
-        call text%line(' falls to a hundredth in {turns_to_hundredth} turns', [log(0.01_wp)/log(modulus)])
-      else
-        call text%line(' is gone after a turn')
-      end if
+      if (modulus <= so_near) call text%line(' is gone after a turn')
+      if (modulus > so_near) call text%line(' falls to a hundredth in {turns_to_hundredth} turns', [log(0.01_wp)/log(modulus)])
       return
-    else if (modulus <= 1 + near) then
+    end if
+    way = 'beat'
+    if (abs(mu%im) <= near) way = trim(merge('jump', 'flip', mu%re > 0.0_wp))
+    if (modulus <= 1 + near) then
       call text%line('  {stability=undamped}: '//what//' neither falls nor grows')
       if (way == 'jump') call text%line('  nothing brings it back: the cycle is one of a family')
     else
@@ -181,6 +153,14 @@ contains
                                       ' of a circle each period: the motion beats')
   end subroutine stability_lines
 
+  !> The pairs that are told: not that of time.
+  pure function told(cycle) result(list)
+    type(cycle_state), intent(in) :: cycle
+    integer, allocatable :: list(:)
+    integer :: k
+    list = pack([(k, k=1, cycle%wanted)], [(k /= cycle%time, k=1, cycle%wanted)])
+  end function told
+
   !> The unknown that a multiplier moves most, in words.
   function mover(run, cycle, k) result(words)
     type(run_state), intent(in) :: run
@@ -189,19 +169,6 @@ contains
     character(:), allocatable :: words
     words = name_of(run%sys%m%s, cycle%map%compared(maxloc(abs(cycle%pairs%vector(:, k)), 1)))
   end function mover
-
-  !> A line for one multiplier.
-  subroutine one_multiplier(run, cycle, k, number, text)
-    type(run_state), intent(in) :: run
-    type(cycle_state), intent(in) :: cycle
-    integer, intent(in) :: k                  !! its number among the pairs
-    integer, intent(in) :: number             !! among those that are told
-    type(summary_record), intent(inout) :: text
-    real(wp) :: x(7)
-    x = figures(cycle, k)
-    call text%item('  multiplier '//to_text(number)//': {real 8} {imag 8} i, modulus {modulus 8}, error {error 1}; growth '// &
-                   '{growth 3} 1/s at {frequency 3} Hz; moves {moves='//mover(run, cycle, k)//'}', [x(1:5), abs(x(6))])
-  end subroutine one_multiplier
 
   !> Figures of a multiplier: real and imaginary part, modulus, error, growth, frequency, turns to a hundredth.
   pure function figures(cycle, k) result(x)
@@ -220,24 +187,20 @@ contains
     type(cycle_state), intent(in) :: cycle
     type(failure), intent(inout) :: fail
     type(result_file) :: file
-    integer :: k, n
+    integer, allocatable :: list(:)
+    integer :: k
     if (cycle%wanted == 0) return
+    list = told(cycle)
     call file%open(run%folder//'/floquet.txt')
     call file%head('Floquet multipliers of the cycle of '//to_text(cycle%period)//' s', run%d%name, run%sys%m%s%title)
     call file%line('# a disturbance is multiplied by one of them each period; frequency: up to whole multiples of '// &
                    to_text(1/cycle%period)//' Hz')
-    n = 0
-    do k = 1, cycle%wanted
-      if (k == cycle%time) cycle
-      n = n + 1
-      call file%line('# '//to_text(n)//' moves most: '//mover(run, cycle, k))
+    do k = 1, size(list)
+      call file%line('# '//to_text(k)//' moves most: '//mover(run, cycle, list(k)))
     end do
     call file%line('# columns: number[-] real[-] imag[-] modulus[-] error[-] growth[1/s] frequency[Hz] turns_to_hundredth[-]')
-    n = 0
-    do k = 1, cycle%wanted
-      if (k == cycle%time) cycle
-      n = n + 1
-      call file%row([real(n, wp), figures(cycle, k)])
+    do k = 1, size(list)
+      call file%row([real(k, wp), figures(cycle, list(k))])
     end do
     call file%close()
     if (file%failed) call no_output(run, fail)
@@ -247,32 +210,30 @@ contains
   function name_of(s, unknown) result(name)
     type(scene), intent(in) :: s
     integer, intent(in) :: unknown            !! its number in the state
+    character(5), parameter :: frame(3) = ['x    ', 'y    ', 'angle']
     character(:), allocatable :: name
     integer :: b, k
-    k = unknown
-    name = ''
-    if (k > s%nq .and. k <= 2*s%nq) name = 'the rate of '
-    if (k <= 2*s%nq) then
-      k = 1 + mod(k - 1, s%nq)
+    if (unknown <= 2*s%nq) then
+      k = 1 + mod(unknown - 1, s%nq)
       b = count(s%qo < k)
       k = k - s%qo(b)
-      if (k <= 2) name = name//'the '//either('x', 'y', k == 1)//' of body "'//trim(s%bodies(b)%name)//'"'
-      if (k == 3) name = name//'the angle of body "'//trim(s%bodies(b)%name)//'"'
-      if (k > 3) name = name//'elastic coordinate '//to_text(k - 3)//' of body "'//trim(s%bodies(b)%name)//'"'
+      name = 'elastic coordinate '//to_text(k - 3)
+      if (k <= 3) name = 'the '//trim(frame(k))
+      if (unknown > s%nq) name = 'the rate of '//name
+      name = name//' of body "'//trim(s%bodies(b)%name)//'"'
       return
     end if
-    k = k - 2*s%nq
-    if (k > s%nz) k = k - s%nz
+    k = 1 + mod(unknown - 2*s%nq - 1, s%nz)
     name = 'an internal variable of a spring'
     do b = 1, size(s%bodies)
       if (s%bodies(b)%nz == 0) cycle
-      associate (first => s%bodies(b)%segments(1)%start(1))
-        if (k > first .and. k <= first + s%bodies(b)%nz) name = 'an internal variable of body '//quoted(trim(s%bodies(b)%name))
+      associate (before => s%bodies(b)%segments(1)%start(1))
+        if (k > before .and. k <= before + s%bodies(b)%nz) name = 'an internal variable of body "'//trim(s%bodies(b)%name)//'"'
       end associate
     end do
     do b = 1, size(s%controllers)
       associate (c => s%controllers(b))
-        if (k > c%first .and. k <= c%first + c%states) name = 'a state of controller '//quoted(trim(c%name))
+        if (k > c%first .and. k <= c%first + c%states) name = 'a state of controller "'//trim(c%name)//'"'
       end associate
     end do
   end function name_of

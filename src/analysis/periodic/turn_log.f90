@@ -1,7 +1,7 @@
 !> Turns that have been made, in their order. A turn depends on its start alone: so a restart makes all decisions again, takes the
 !> turns of the checkpoint as they are, and what follows is the same to the last bit.
 module turn_log
-  use kinds, only: wp
+  use kinds, only: wp, ip
   use archive, only: value_archive
   use switching, only: event_list
   implicit none (type, external)
@@ -9,11 +9,12 @@ module turn_log
 
   !> A turn: a run of one period from a start.
   type, public :: turn_result
+    real(wp) :: period = 0.0_wp               !! [s]
     logical :: lost = .false.                 !! it did not come to its end
+    real(wp) :: at = 0.0_wp                   !! time of a loss [s]
+    integer :: steps = 0                      !! in which the next turns are divided
     integer :: remembers = 0                  !! an element at its end with a memory that the state does not hold; 0: none
     integer, allocatable :: states(:)         !! (elements that switch) at the start
-    integer :: steps = 0                      !! in which the next turns are divided
-    real(wp) :: at = 0.0_wp                   !! time of a loss [s]
     real(wp), allocatable :: start(:)         !! (ny) put onto the manifold [m, rad], [m/s, rad/s], [J]
     real(wp), allocatable :: end(:)           !! (ny) after the period [m, rad], [m/s, rad/s], [J]
     real(wp), allocatable :: slope(:)         !! (ny) its derivative there [the same per second]
@@ -53,39 +54,32 @@ contains
     class(turn_list), intent(inout) :: self
     type(value_archive), intent(inout) :: a
     type(turn_result) :: turn
-    real(wp), allocatable :: states(:)        ! [-]
+    integer(ip), allocatable :: words(:)
     integer :: k, n
     n = self%count
+    words = [integer(ip) ::]
     call a%exchange(n)
     do k = 1, n
       if (a%damaged) return
       if (a%saving) turn = self%items(k)
-      call a%exchange(turn%lost)
-      call a%exchange(turn%remembers)
-      call a%exchange(turn%steps)
-      call a%exchange(turn%at)
+      if (a%saving) words = int(turn%states, ip)
+      call a%exchange(turn%period, turn%lost, turn%at, turn%steps, turn%remembers)
+      call a%exchange(words)
+      turn%states = int(words)
       call exchange_state(turn%start)
       call exchange_state(turn%end)
       call exchange_state(turn%slope)
       call exchange_state(turn%range)
       call turn%events%exchange(a)
-      if (a%saving) states = turn%states
-      call exchange_state(states)
-      if (a%damaged) return
-      turn%states = nint(states)
-      if (.not. a%saving) call self%add(turn)
+      if (.not. (a%saving .or. a%damaged)) call self%add(turn)
     end do
   contains
     !> One array with its size.
     subroutine exchange_state(x)
       real(wp), allocatable, intent(inout) :: x(:)   !! (ny), or none [any]
-      integer :: length
-      length = 0
-      if (a%saving) length = size(x)
-      call a%exchange(length)
-      if (a%damaged) return
-      if (.not. a%saving) x = spread(0.0_wp, 1, length)
-      call a%exchange(x)
+      if (a%saving) words = transfer(x, words)
+      call a%exchange(words)
+      x = transfer(words, [0.0_wp])
     end subroutine exchange_state
   end subroutine exchange
 end module turn_log

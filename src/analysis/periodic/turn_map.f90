@@ -1,7 +1,7 @@
 !> The map of one turn (theory.md, section 15): a start is put onto the manifold and marched over one period, in the same number of
 !> steps each time, so that the map is smooth in its start and in the period. Events are located in each turn. Nothing is written.
 module turn_map
-  use kinds, only: wp, ip, pi
+  use kinds, only: wp, pi
   use choose_stepper, only: make_stepper
   use controls, only: switch_on_controls
   use deck_records, only: transient_record
@@ -21,12 +21,13 @@ module turn_map
   private
 
   real(wp), parameter :: whole_turn = 2*pi           ! [rad]
-  real(wp), parameter :: bins = 8.0_wp               ! of lengths of steps in a power of two [-]
+  real(wp), parameter, public :: difference = 1.0e-4_wp   !! of a difference quotient, of the scales [-]
 
   !> The map.
   type, public :: period_map
-    class(mechanism_system), allocatable :: system    !! before any turn
+    class(mechanism_system), allocatable :: system   !! before any turn
     type(transient_record) :: r                      !! method and steps
+    integer :: steps = 0                             !! of a turn; 0: the first one tells
     integer, allocatable :: compared(:)              !! numbers of the unknowns that repeat
     logical, allocatable :: turning(:)               !! (compared) angles of frames: they repeat up to whole turns
     logical :: moves_on = .false.                    !! some frames need not repeat
@@ -35,40 +36,47 @@ module turn_map
   contains
     procedure :: begin
     procedure :: march
-    procedure :: set_scales
+    procedure :: divide
     procedure :: change
     procedure :: scaled
     procedure :: moved
-    procedure :: put
-    procedure :: columns_at
+    procedure :: tangent
+    procedure :: columns_after
   end type period_map
 
 contains
 
   !> Which unknowns repeat, and the system from which each turn starts. Controllers are switched on: their states are unknowns now.
+  !> Where the deck asks for an accuracy, method and steps are those of a first pass (theory.md, section 12).
   subroutine begin(self, run)
     class(period_map), intent(inout) :: self
     type(run_state), intent(inout) :: run
     logical, allocatable :: repeats(:), angle(:)
-    integer :: b, k
+    integer :: k
     run%sys%options%stage = stage_transient
     if (allocated(self%system)) deallocate (self%system)
     allocate (self%system, source=run%sys)
     self%r = run%d%transient
-    call choose_steps(self%r, run%stable_steps)
-    self%noise = merge(1.0e-12_wp, 1.0e-10_wp, self%r%method /= 'radau')
-    associate (s => self%system%m%s)
+    associate (r => self%r, bounds => run%stable_steps)
+      if (r%accuracy > 0.0_wp) then
+        if (r%free_method) r%method = merge('radau ', 'dopri5', any(bounds < huge(1.0_wp)))
+        r%tolerance = r%accuracy/10
+        r%adaptive = r%method /= 'rk4'
+        if (.not. r%adaptive) r%step = min(r%output_step, bounds(method_number(r%method)))
+      end if
+      self%noise = merge(1.0e-12_wp, 1.0e-10_wp, r%method /= 'radau')
+    end associate
+    associate (s => self%system%m%s, p => run%d%periodic)
       self%system%has_manifold = s%rows > 0
       call switch_on_controls(self%system%m, self%system%ev, run%y(1:s%nq), run%y(s%nq + 1:2*s%nq), run%y(2*s%nq + 1:2*s%nq + s%nz))
       allocate (repeats(s%ny), angle(s%ny), source=.false.)
       repeats(1:2*s%nq + s%nz + s%nzd) = .true.
-      self%moves_on = size(run%d%periodic%moves_on) > 0
-      do k = 1, size(run%d%periodic%moves_on)
-        b = s%qo(run%d%periodic%moves_on(k))
-        repeats(b + 1:b + 3) = [.false., .false., any(run%d%periodic%angle_repeats == run%d%periodic%moves_on(k))]
-      end do
       angle(s%qo + 3) = .true.
-      do k = 1, size(s%controllers)               ! a sample at t = 0 computes its output anew
+      self%moves_on = size(p%moves_on) > 0
+      do k = 1, size(p%moves_on)
+        repeats(s%qo(p%moves_on(k)) + 1:s%qo(p%moves_on(k)) + 3) = [.false., .false., any(p%angle_repeats == p%moves_on(k))]
+      end do
+      do k = 1, size(s%controllers)                  ! a sample at t = 0 computes its output anew
         if (s%controllers(k)%sampled > 0) repeats(2*s%nq + s%controllers(k)%first + s%controllers(k)%sampled) = .false.
       end do
       self%compared = pack([(k, k=1, s%ny)], repeats)
@@ -76,68 +84,52 @@ contains
     end associate
   end subroutine begin
 
-  !> Method and steps of the first turn, where the deck asks for an accuracy: those of a first pass (theory.md, section 12).
-  subroutine choose_steps(r, stable_steps)
-    type(transient_record), intent(inout) :: r
-    real(wp), intent(in) :: stable_steps(:)          !! of explicit methods [s]
-    integer :: k
-    if (.not. r%accuracy > 0.0_wp) return
-    if (r%free_method) r%method = merge('radau ', 'dopri5', any(stable_steps < huge(1.0_wp)))
-    r%tolerance = r%accuracy/10
-    k = method_number(r%method)
-    r%adaptive = r%method /= 'rk4'
-    if (k > 0 .and. .not. r%adaptive) r%step = min(r%output_step, stable_steps(k))
-  end subroutine choose_steps
-
-  !> A turn. The first one, where the deck gives a tolerance, takes its steps by that and says how many equal ones are as fine.
-  subroutine march(self, x, period, first, held, turn, signal)
+  !> A turn. The first one, where the deck gives a tolerance, takes its steps by that; as many equal ones are as fine as those of
+  !> the tenth of the period that takes most.
+  subroutine march(self, x, period, held, turn, signal)
     class(period_map), intent(in) :: self
     real(wp), intent(in) :: x(:)                     !! (ny) the start [m, rad], [m/s, rad/s], [J]
     real(wp), intent(in) :: period                   !! [s]
-    logical, intent(in) :: first
-    integer, intent(in) :: held(:)                   !! (elements that switch, or none) states whose rows hold at the start
-    type(turn_result), intent(inout) :: turn         !! on entry its number of steps, after the first
+    integer, intent(in), optional :: held(:)         !! (elements that switch) states whose rows hold at the start
+    type(turn_result), intent(inout) :: turn
     integer, intent(out) :: signal                   !! that came; 0: none
     class(mechanism_system), allocatable :: system
     class(stepper), allocatable :: method
     type(transient_record) :: r
     real(wp), dimension(size(x)) :: y, low, high     ! [m, rad], [m/s, rad/s], [J]
-    real(wp) :: passed(0:240)                        ! of the period, by the length of steps [-]
-    real(wp) :: before                               ! [s]
-    integer :: outcome, portion, k
-    logical :: ok
-    allocate (system, source=self%system)
+    integer :: outcome, in_tenth(10), k
+    logical :: ok, first
+    first = self%steps == 0
     r = self%r
     r%t_end = period
     r%output_step = period
-    if (first .and. .not. r%adaptive) turn%steps = int(step_count(0.0_wp, period, actual_step(self%r%output_step, r%step)))
     r%adaptive = first .and. r%adaptive
+    turn%period = period
+    turn%steps = self%steps
+    if (first .and. .not. r%adaptive) turn%steps = int(step_count(0.0_wp, period, actual_step(self%r%output_step, r%step)))
     if (.not. r%adaptive) r%step = period/turn%steps
-    system%output_step = period
     y = x
-    call self%put(system, y, held, ok)
+    call start(self, y, period, held, system, ok)
     turn%start = y
     if (ok) call system%start_switching(0.0_wp, y, given=.true.)
     turn%states = system%ev%switches%state
     call make_stepper(r, system%m%s, 0.0_wp, method)
     call method%begin(system, 0.0_wp, y)
-    portion = 64
-    if (first) portion = max(1, min(64, turn%steps/100))
-    if (r%adaptive) portion = 1
     low = y
     high = y
-    passed = 0.0_wp
+    in_tenth = 0
     signal = 0
     outcome = paused
     do while (ok .and. outcome == paused)
-      before = method%t
-      call method%advance(system, 0.0_wp, period, portion, y, outcome)
+      call method%advance(system, 0.0_wp, period, merge(1, 64, first), y, outcome)
       low = min(low, method%y)
       high = max(high, method%y)
-      if (r%adaptive .and. method%t > before) call note_step(passed, (method%t - before)/period)
+      k = min(10, 1 + int(10*method%t/period))
+      in_tenth(k) = in_tenth(k) + 1
       signal = caught_signal()
       if (signal > 0) exit
     end do
+    if (r%adaptive) turn%steps = 10*maxval(in_tenth)
     turn%lost = outcome /= reached
     turn%at = method%tried
     turn%end = y
@@ -145,127 +137,113 @@ contains
     call system%derivative(period, y, .true., turn%slope)
     turn%events = system%events
     turn%remembers = findloc([(remembers(system, k), k=1, system%m%s%stops)], .true., 1)
-    turn%range = [real(wp) ::]
-    if (first) turn%range = high - low
-    if (r%adaptive) turn%steps = as_fine(passed)
+    turn%range = pack(high - low, first)
     method%roots = root_watch()                      ! gfortran 12 frees the first of two components of one type alone
   end subroutine march
 
-  !> Columns of sensors at t = 0 from a start.
-  function columns_at(self, run, start) result(values)
+  !> A system at a start, put onto the joints, and onto the rows that hold in given states: what is at rest at the start of a cycle
+  !> is so beside it, too.
+  subroutine start(self, y, period, held, system, ok)
+    class(period_map), intent(in) :: self
+    real(wp), intent(inout) :: y(:)                  !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp), intent(in) :: period                   !! [s]
+    integer, intent(in), optional :: held(:)         !! (elements that switch) such states
+    class(mechanism_system), allocatable, intent(out) :: system
+    logical, intent(out) :: ok
+    real(wp) :: slope(size(y))                       ! [the same per second]
+    integer, allocatable :: states(:)
+    integer :: k
+    allocate (system, source=self%system)
+    system%output_step = period
+    associate (s => system%m%s, x => system%ev%switches)
+      y(2*s%nq + s%nz + s%nzd + 1:) = 0.0_wp
+      call system%evaluate_on_manifold(0.0_wp, y, .false., slope, ok)
+      if (present(held)) then
+        states = x%state
+        do k = s%permanent + 1, size(s%constraints)
+          associate (row => s%constraints(k)%item, i => s%constraints(k)%item%switch_number)
+            if (.not. row%holds(held(i))) cycle
+            x%state(i) = held(i)
+            x%event_value(i) = row%place(system%ev%p, sign(1, held(i)))
+          end associate
+        end do
+        system%has_manifold = .true.
+        if (any(x%state /= states)) call system%evaluate_on_manifold(0.0_wp, y, .false., slope, ok)
+        system%has_manifold = self%system%has_manifold
+        x%state = states
+      end if
+    end associate
+  end subroutine start
+
+  !> What of a move from the start of a turn the joints and resting rows allow, by a small part of it.
+  function tangent(self, turn, x) result(allowed)
+    class(period_map), intent(in) :: self
+    type(turn_result), intent(in) :: turn
+    real(wp), intent(in) :: x(:)                     !! (compared) [-]
+    real(wp) :: allowed(size(x)), y(size(turn%start)), h   ! [-]; [m, rad], [m/s, rad/s], [J]; [-]
+    class(mechanism_system), allocatable :: system
+    logical :: ok
+    h = difference/max(norm2(x), tiny(1.0_wp))
+    y = self%moved(turn%start, h*x)
+    call start(self, y, turn%period, turn%states, system, ok)
+    allowed = (self%scaled(y) - self%scaled(turn%start))/h
+  end function tangent
+
+  !> Columns of sensors at the start of a turn that goes on from a turn's end.
+  function columns_after(self, run, turn) result(values)
     class(period_map), intent(in) :: self
     type(run_state), intent(inout) :: run
-    real(wp), intent(in) :: start(:)                 !! (ny) [m, rad], [m/s, rad/s], [J]
+    type(turn_result), intent(in) :: turn
     real(wp) :: values(run%list%columns)             ! [of the column]
     class(mechanism_system), allocatable :: system
-    real(wp), dimension(size(start)) :: y, slope     ! [m, rad], [m/s, rad/s], [J], and per second
+    real(wp), dimension(size(turn%start)) :: y, slope   ! [m, rad], [m/s, rad/s], [J], and per second
     logical :: ok
-    allocate (system, source=self%system)
-    y = start
-    call self%put(system, y, [integer ::], ok)
+    y = self%moved(turn%start, self%change(turn))
+    call start(self, y, turn%period, system=system, ok=ok)
     call system%start_switching(0.0_wp, y, given=.true.)
     call system%derivative(0.0_wp, y, .false., slope)
     call read_sensors(run%list, system%m, system%ev, y, values)
-  end function columns_at
+  end function columns_after
 
   !> Whether a stop touches whose force depends on the speed at touching, which the state does not tell.
   logical function remembers(system, i) result(yes)
     type(mechanism_system), intent(in) :: system
     integer, intent(in) :: i                         !! the stop's number among the elements that switch
     yes = .false.
-    associate (s => system%m%s)
-      select type (stop => s%forces(s%switching(i))%item)
-      class is (stop_model)
-        yes = stop%rebound > 0.0_wp .and. system%ev%switches%state(i) /= stop_open
-      end select
-    end associate
+    select type (stop => system%m%s%forces(system%m%s%switching(i))%item)
+    class is (stop_model)
+      yes = stop%rebound > 0.0_wp .and. system%ev%switches%state(i) /= stop_open
+    end select
   end function remembers
 
-  !> Puts a start onto the joints, and onto the rows that hold in given states: what is at rest at the start of a cycle is so beside
-  !> it, too.
-  subroutine put(self, system, y, held, ok)
-    class(period_map), intent(in) :: self
-    type(mechanism_system), intent(inout) :: system
-    real(wp), intent(inout) :: y(:)                  !! (ny) [m, rad], [m/s, rad/s], [J]
-    integer, intent(in) :: held(:)                   !! (elements that switch, or none) such states
-    logical, intent(out) :: ok
-    real(wp) :: slope(size(y))                       ! [the same per second]
-    integer, allocatable :: states(:)
-    integer :: k
-    associate (s => system%m%s)
-      y(2*s%nq + s%nz + s%nzd + 1:) = 0.0_wp
-    end associate
-    call system%evaluate_on_manifold(0.0_wp, y, .false., slope, ok)
-    if (size(held) == 0) return
-    states = system%ev%switches%state
-    do k = system%m%s%permanent + 1, size(system%m%s%constraints)
-      associate (row => system%m%s%constraints(k)%item, x => system%ev%switches)
-        if (.not. row%holds(held(row%switch_number))) cycle
-        x%state(row%switch_number) = held(row%switch_number)
-        x%event_value(row%switch_number) = row%place(system%ev%p, sign(1, held(row%switch_number)))
-      end associate
-    end do
-    if (any(system%ev%switches%state /= states)) then
-      system%has_manifold = .true.
-      call system%evaluate_on_manifold(0.0_wp, y, .false., slope, ok)
-      system%has_manifold = self%system%has_manifold
-    end if
-    system%ev%switches%state = states
-  end subroutine put
-
-  !> Notes the time that a step takes among steps of its length, in eighths of a power of two of the period.
-  pure subroutine note_step(passed, h)
-    real(wp), intent(inout) :: passed(0:)            !! of the period [-]
-    real(wp), intent(in) :: h                        !! of the period [-]
-    associate (k => min(ubound(passed, 1), max(0, floor(-bins*log(h)/log(2.0_wp)))))
-      passed(k) = passed(k) + h
-    end associate
-  end subroutine note_step
-
-  !> So many equal steps are as fine as those that pass the first tenth of the time, the shortest first.
-  pure integer function as_fine(passed) result(steps)
-    real(wp), intent(in) :: passed(0:)               !! of the period [-]
-    integer :: k
-    do k = ubound(passed, 1), 1, -1
-      if (sum(passed(k:)) > 0.1_wp*sum(passed)) exit
-    end do
-    steps = ceiling(2.0_wp**((k + 1)/bins))
-  end function as_fine
-
-  !> Scales of the unknowns: the range of the largest in the group of each, at least a thousandth of the largest group of its kind;
-  !> where nothing of that kind moves, a thousandth of the scene's size. Angles have at most a radian.
-  subroutine set_scales(self, range, period)
+  !> Steps and scales by the first turn. An unknown's scale is the range of the largest in its group, at least a thousandth of the
+  !> largest group of its kind; where nothing of that kind moves, a thousandth of the scene's size. Angles have at most a radian.
+  subroutine divide(self, turn)
     class(period_map), intent(inout) :: self
-    real(wp), intent(in) :: range(:)                 !! (ny) in the first turn [m, rad], [m/s, rad/s], [J]
-    real(wp), intent(in) :: period                   !! [s]
+    type(turn_result), intent(in) :: turn
     integer, parameter :: kinds_of_group = 12        ! of a body, rates included
     real(wp), parameter :: least = 1.0e-3_wp         ! of the largest of a kind, or of the scene's size [-]
     type(error_norm) :: norm
-    real(wp), allocatable :: of_group(:)             ! [m, rad], [m/s, rad/s]
-    real(wp) :: largest, still                       ! of a kind; so little is rest [m, rad], [m/s, rad/s]
-    integer, allocatable :: kind(:)                  ! of each group
-    integer :: g, k
+    real(wp) :: range(size(turn%start)), largest, still   ! largest of a kind; so little is rest [m, rad], [m/s, rad/s]
+    integer :: g, n
+    self%steps = turn%steps
+    if (turn%lost) return
     call group_unknowns(self%system%m%s, norm)
-    allocate (of_group(size(norm%floor)), source=0.0_wp)
-    do k = 1, size(self%compared)
-      associate (x => of_group(norm%group(self%compared(k))))
-        x = max(x, range(self%compared(k)))
-      end associate
-    end do
-    kind = [(g, g=1, size(of_group))]
-    associate (n => kinds_of_group*size(self%system%m%s%bodies))
-      kind(:n) = 1 + mod(kind(:n) - 1, kinds_of_group)
-    end associate
-    do g = 1, size(of_group)
-      largest = maxval(of_group, kind == kind(g))
+    range = 0.0_wp
+    range(self%compared) = turn%range(self%compared)
+    call norm%watch(range)
+    n = kinds_of_group*size(self%system%m%s%bodies)
+    do g = 1, size(norm%largest)
+      largest = norm%largest(g)
+      if (g <= n) largest = maxval(norm%largest(1 + mod(g - 1, kinds_of_group):n:kinds_of_group))
       still = norm%floor(g)
-      if (norm%rate(g)) still = still*whole_turn/period
-      norm%scale(g) = max(of_group(g), least*largest)
+      if (norm%rate(g)) still = still*whole_turn/turn%period
+      norm%scale(g) = max(norm%largest(g), least*largest)
       if (largest <= still) norm%scale(g) = least/least_scale*still
     end do
     self%scale = norm%scale(norm%group(self%compared))
     where (self%turning) self%scale = min(self%scale, 1.0_wp)
-  end subroutine set_scales
+  end subroutine divide
 
   !> What has changed between the start and the end of a turn, less whole turns, over the scales.
   pure function change(self, turn) result(r)
