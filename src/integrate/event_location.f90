@@ -12,8 +12,6 @@ module event_location
   public :: begin_roots, find_event, keep_roots, restart_roots, next_fall, pass_event
 
   real(wp), parameter :: same_event = 1.0e-12_wp   !! events so near are one, of the step [-]
-  real(wp), parameter :: near = 0.01_wp            !! lengths so near show how a root changes with the length, of the step [-]
-  real(wp), parameter, public :: least_change = 1.0e3_wp   !! of a root; a smaller one is rounding; of what counts as zero [-]
   integer, parameter :: most_trials = 80           !! each second one halves the interval: more than the digits of a number
   integer, parameter :: quick_trials = 6           !! after which each second one halves the interval
   real(wp), parameter :: shortest_share = 1.0e-6_wp   !! of the run: time in which events may follow one another fast [-]
@@ -83,16 +81,13 @@ contains
     real(wp), intent(inout) :: h              !! [s]
     logical, intent(out) :: found, ok
     type(root_values) :: left, right(most_trials + 1)   ! ends of intervals yet to be searched, the nearest one last
-    real(wp) :: defect(system%roots)          ! C of each root, as in `correct_rates` [any]
     real(wp) :: full_step, s, target
     integer :: n, k, trials
     logical :: falls
     full_step = h
     target = march%tried
     ok = .true.
-    defect = 0.0_wp
     left = march%roots%now
-    left%raw = left%rate
     right(1) = march%roots%end
     n = 1
     trials = 0
@@ -122,8 +117,7 @@ contains
       if (found) exit
       n = n + 1
       call roots_at_trial(march, system, h, right(n))
-      call guess_rates(left, right(n), right(n - 1))
-      call correct_rates(left, right(n), right(n - 1), march%settings%order, near*full_step, march%roots%zero, defect)
+      call guess_rates(left, right(n), right(n - 1), march%roots%zero)
       found = ends_event(march, left, right(n), k)
       if (found) exit
     end do
@@ -179,16 +173,18 @@ contains
       call system%find_roots(march%tried, march%trial, .true., at%g, at%rate, r%zero)
       where (r%rounding) r%zero = huge(1.0_wp)
     end associate
-    at%raw = at%rate
   end subroutine roots_at_trial
 
-  !> Rates that the system does not give: those of the parabola through three lengths.
-  pure subroutine guess_rates(left, at, right)
+  !> Rates of the parabola through three lengths: those that the system does not give, and those of roots that fall. The end of a
+  !> longer step is not that of a longer time, since errors grow with the length, so that such a root has another slope there. Where
+  !> a root only may fall, the parabola is too coarse.
+  pure subroutine guess_rates(left, at, right, zero)
     type(root_values), intent(inout) :: left, at, right
+    real(wp), intent(in) :: zero(:)           !! (roots) values so small are zero [any]
     real(wp) :: a, b
     integer :: k
     do k = 1, size(at%g)
-      if (at%rate(k) < huge(1.0_wp) .or. max(left%g(k), at%g(k), right%g(k)) >= huge(1.0_wp)) cycle
+      if ((at%rate(k) < huge(1.0_wp) .and. right%g(k) >= -zero(k)) .or. max(left%g(k), at%g(k), right%g(k)) >= huge(1.0_wp)) cycle
       a = (at%g(k) - left%g(k))/(at%h - left%h)
       b = (right%g(k) - at%g(k))/(right%h - at%h)
       at%rate(k) = (a*(right%h - at%h) + b*(at%h - left%h))/(right%h - left%h)
@@ -196,35 +192,6 @@ contains
       right%rate(k) = 2*b - at%rate(k)
     end do
   end subroutine guess_rates
-
-  !> The end of a longer step is not that of a longer time: with the local error C h^(p+1) of a method of order p a root changes
-  !> with the length h at its rate plus (p+1) C h^p. C follows from the values at the length tried last and at the nearer one of its
-  !> neighbours, with the parabola through the three rates between them. Where a root only may fall, that parabola is too coarse,
-  !> unless the lengths are near each other.
-  pure subroutine correct_rates(left, at, right, order, close, zero, defect)
-    type(root_values), intent(inout) :: left, at, right
-    integer, intent(in) :: order              !! p
-    real(wp), intent(in) :: close             !! lengths that differ by less are near each other [s]
-    real(wp), intent(in) :: zero(:)           !! (roots) values so small are zero [any]
-    real(wp), intent(inout) :: defect(:)      !! (roots) C as it is known so far [any]
-    real(wp) :: h(3), r(3), change, bend      ! the length tried last, the nearer one, the other one [s], [any/s], [any], [any/s3]
-    logical :: later                          ! the nearer one is the longer one
-    integer :: k
-    later = right%h - at%h < at%h - left%h
-    h = [at%h, merge(right%h, left%h, later), merge(left%h, right%h, later)]
-    do k = 1, size(zero)
-      if (right%g(k) >= -zero(k) .and. abs(h(2) - h(1)) >= close) cycle
-      r = [at%raw(k), merge(right%raw(k), left%raw(k), later), merge(left%raw(k), right%raw(k), later)]
-      if (maxval(r) >= huge(1.0_wp) .or. max(left%g(k), at%g(k), right%g(k)) >= huge(1.0_wp)) cycle
-      change = merge(right%g(k), left%g(k), later) - at%g(k)
-      bend = ((r(3) - r(2))/(h(3) - h(2)) - (r(2) - r(1))/(h(2) - h(1)))/(h(3) - h(1))
-      if (abs(change)/least_change > zero(k)) defect(k) = (change - (h(2) - h(1))*(0.5_wp*(r(1) + r(2)) - &
-        bend*(h(2) - h(1))**2/6))/(h(2)**(order + 1) - h(1)**(order + 1))
-      left%rate(k) = left%raw(k) + (order + 1)*defect(k)*left%h**order
-      at%rate(k) = at%raw(k) + (order + 1)*defect(k)*at%h**order
-      right%rate(k) = right%raw(k) + (order + 1)*defect(k)*right%h**order
-    end do
-  end subroutine correct_rates
 
   !> Length after the left one at which a root first falls to zero by its interpolant; k = 0: none does. Where a root is positive at
   !> both ends and only its interpolant dips to zero, falls is false and the length is that of the minimum, to be tried. An

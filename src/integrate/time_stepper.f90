@@ -44,7 +44,6 @@ module time_stepper
   type, public :: root_values
     real(wp) :: h = 0.0_wp                    !! [s]
     real(wp), allocatable :: g(:), rate(:)    !! (roots); rates by the length, as far as they are known [any], [any/s]
-    real(wp), allocatable :: raw(:)           !! (roots) rates from the system, by time [any/s]
   end type root_values
 
   !> Roots at the present state, and an event there (`event_location`).

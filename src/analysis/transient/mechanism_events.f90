@@ -6,7 +6,6 @@ module mechanism_events
   use controls, only: pass_control_events, start_controls
   use dynamics, only: evaluate, marker_kinematics, motion_state
   use evaluation_results, only: conditions_of, evaluation
-  use event_location, only: least_change
   use force_element, only: by_position, inactive, most_roots
   use friction_law, only: row_at_limit, row_slips, row_stuck, sliding
   use friction_shares, only: find_undetermined
@@ -23,6 +22,7 @@ module mechanism_events
   private
 
   real(wp), parameter :: difference_time = 1.0e-6_wp   !! between evaluations of a difference quotient, of an output step [-]
+  real(wp), parameter :: least_change = 1.0e3_wp       !! of a root; a smaller one is rounding; of what counts as zero [-]
   real(wp), parameter :: least_rebound = 1.0e-11_wp    !! next height below which a stop closes, of the scene's size [-]
   integer, parameter :: checked_per_step = 4  !! joints whose Painleve's ratio is found in an accepted step
 
