@@ -3,8 +3,8 @@
 !> Without damping the largest frequency sets it. With damping, every eigenvalue mu with its vector x, mass-normalised, obeys
 !>   mu2 + c mu + k = 0,   c = x* C x,  k = x* K x,
 !> for C and K symmetric; and for all x, p c + q k <= largest eigenvalue of p C + q K, whatever p and q. Straight lines in the
-!> plane of c and k thus enclose all eigenvalues, those of damped modes that no undamped one resembles, too. Where a corner
-!> between two lines limits the step, a line between them cuts it. Springs that may turn count where they raise p C + q K.
+!> plane of c and k thus enclose all eigenvalues, those of damped modes that no undamped one resembles, too. Springs that may turn
+!> count where they raise p C + q K.
 module safe_bound
   use kinds, only: wp, pi
   use bound_causes, only: bound_cause, mode_cause
@@ -13,15 +13,14 @@ module safe_bound
   use modal_eigenvalues, only: added_stiffness
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
   use spring_directions, only: bound_directions, turning_stiffness
-  use tableaux, only: method_names
   use step_bounds, only: step_bound, find_bound, take_smaller, material_poles, add_mode_bound
   implicit none (type, external)
   private
   public :: find_safe_bound
 
-  integer, parameter :: most_lines = 18            !! that enclose c and k
+  integer, parameter :: powers = 3                 !! lines stand at slopes of 4**-powers to 4**powers between the axes
+  integer, parameter :: lines = 3*(2*powers + 2)  !! that enclose c and k, counted from k >= 0 on; the last one: c >= 0
   integer, parameter :: points = 8                 !! of the stretch of a line between its corners
-  real(wp), parameter :: least_angle = pi/90       !! angle between lines whose corner is not cut any more [rad]
 
   !> A line c cos(angle)/c0 + k sin(angle)/k0 = distance, and the bound from its stretch between its neighbours.
   type :: enclosing_line
@@ -31,16 +30,13 @@ module safe_bound
     type(fast_mode) :: mode                        !! the mode whose c and k are on it
     real(wp) :: touches(2) = 0.0_wp                !! its c and k, in units of the largest [-]
     type(bound_cause) :: cause                     !! the body that carries this mode
-    type(step_bound) :: bound
-    integer :: limit(size(method_names)) = 0       !! point of the stretch that sets each method's bound, 0 to `points`
   end type enclosing_line
 
   !> The lines by their angles, in units of the largest c and k.
   type :: enclosure
     real(wp) :: c0 = 0.0_wp                        !! [1/s]
     real(wp) :: k0 = 0.0_wp                        !! [1/s2]
-    integer :: lines = 0
-    type(enclosing_line) :: line(most_lines)
+    type(enclosing_line) :: line(0:lines)
   end type enclosure
 
 contains
@@ -77,7 +73,7 @@ contains
     type(fast_spectrum), intent(inout) :: fast
     type(step_bound), intent(out) :: bound
     type(enclosure) :: e
-    integer :: i
+    integer :: i, k
     if (.not. fast%damped) then
       call find_bound(m, ev, .false., fast, bound)
       return
@@ -87,87 +83,43 @@ contains
     if (.not. e%k0 > 0.0_wp) e%k0 = e%c0**2
     if (.not. e%c0 > 0.0_wp) e%c0 = sqrt(e%k0)
     if (.not. e%c0 > 0.0_wp) return
-    call enclose(m, ev, fast, e)
-    do i = 1, e%lines
-      call take_smaller(e%line(i)%bound, bound)
+    do i = 0, lines
+      k = mod(i, 2*powers + 2)
+      e%line(i)%angle = 0.5_wp*pi*(i/(2*powers + 2) - 1)
+      if (k > 0) e%line(i)%angle = e%line(i)%angle + atan(4.0_wp**(k - powers - 1))
+      if (i > 0 .and. i < lines) call find_line(m, ev, fast, e, e%line(i))
+    end do
+    do i = 1, lines - 1
+      call find_steps(m, fast, e, i, bound)
     end do
     call material_poles(m, ev, .false., fast, e%k0, bound)
   end subroutine bound_of_directions
 
-  !> Starts with a box and cuts corners that limit the step, in turn for each method.
-  subroutine enclose(m, ev, fast, e)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    type(fast_spectrum), intent(inout) :: fast
-    type(enclosure), intent(inout) :: e
-    type(enclosing_line) :: empty
-    integer :: i, round, method
-    e%lines = 4
-    do i = 1, 4
-      e%line(i)%angle = 0.5_wp*pi*(i - 2)
-    end do
-    do i = 2, 3
-      call find_line(m, ev, fast, e, i)
-    end do
-    do i = 2, 3
-      call find_steps(m, fast, e, i)
-    end do
-    do round = 1, most_lines - 4
-      method = 1 + mod(round, size(method_names))
-      i = corner_that_limits(e, method)
-      if (i == 0) cycle
-      e%line(i + 2:e%lines + 1) = e%line(i + 1:e%lines)
-      e%lines = e%lines + 1
-      e%line(i + 1) = empty
-      e%line(i + 1)%angle = 0.5_wp*(e%line(i)%angle + e%line(i + 2)%angle)
-      call find_line(m, ev, fast, e, i + 1)
-      call find_steps(m, fast, e, i)
-      call find_steps(m, fast, e, i + 1)
-      call find_steps(m, fast, e, i + 2)
-    end do
-  end subroutine enclose
-
-  !> The number of the line before the corner that is nearest to what limits a method; 0: cut enough.
-  pure integer function corner_that_limits(e, method) result(i)
-    type(enclosure), intent(in) :: e
-    integer, intent(in) :: method
-    integer :: k
-    i = 2
-    do k = 2, e%lines - 1
-      if (e%line(k)%bound%step(method) < e%line(i)%bound%step(method)) i = k
-    end do
-    if (2*e%line(i)%limit(method) <= points) i = i - 1
-    if (e%line(i + 1)%angle - e%line(i)%angle < least_angle) i = 0
-  end function corner_that_limits
-
   !> The distance of a line: the largest eigenvalue in its direction, with the remaining error of the iteration.
-  subroutine find_line(m, ev, fast, e, i)
+  subroutine find_line(m, ev, fast, e, l)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(inout) :: fast
-    type(enclosure), intent(inout) :: e
-    integer, intent(in) :: i
-    associate (l => e%line(i))
-      call fast%largest(m, ev, .false., [cos(l%angle)/e%c0, sin(l%angle)/e%k0], 100, l%distance)
-      l%distance = l%distance + fast%beta(fast%steps)*abs(fast%t(fast%steps, fast%steps))
-      call fast%mode(m, ev, 1, l%mode)
-      call mode_cause(m, l%mode, l%cause)
-      l%touches = [l%mode%damping, l%mode%stiffness + added_stiffness(fast%lin%segments, l%mode%segments)]/[e%c0, e%k0]
-      l%exists = .true.
-    end associate
+    type(enclosure), intent(in) :: e
+    type(enclosing_line), intent(inout) :: l
+    call fast%largest(m, ev, .false., [cos(l%angle)/e%c0, sin(l%angle)/e%k0], 100, l%distance)
+    l%distance = l%distance + fast%beta(fast%steps)*abs(fast%t(fast%steps, fast%steps))
+    call fast%mode(m, ev, 1, l%mode)
+    call mode_cause(m, l%mode, l%cause)
+    l%touches = [l%mode%damping, l%mode%stiffness + added_stiffness(fast%lin%segments, l%mode%segments)]/[e%c0, e%k0]
+    l%exists = .true.
   end subroutine find_line
 
-  !> Bound from a line's stretch between its neighbours. Terms take part in k as in the mode whose c and k are nearest.
-  subroutine find_steps(m, fast, e, i)
+  !> Lowers the bound by a line's stretch between its neighbours. Terms take part in k as in the mode whose c and k are nearest.
+  subroutine find_steps(m, fast, e, i, bound)
     type(mechanism_model), intent(in) :: m
     type(fast_spectrum), intent(in) :: fast
-    type(enclosure), intent(inout) :: e
+    type(enclosure), intent(in) :: e
     integer, intent(in) :: i
-    type(step_bound) :: bound, before
+    type(step_bound), intent(inout) :: bound
     type(fast_mode) :: f
     real(wp) :: first(2), last(2), now(2), apart(-1:1)   ! [-]
     integer :: j, k
-    if (.not. e%line(i)%exists) return
     first = corner(e%line(i - 1), e%line(i))
     last = corner(e%line(i), e%line(i + 1))
     do j = 0, points
@@ -184,12 +136,9 @@ contains
         f%damping = now(1)*e%c0
         f%springs = f%damping
         if (l%touches(1) > 0.0_wp) f%springs = now(1)*(l%mode%springs/l%touches(1))
-        before = bound
         call add_mode_bound(m, fast, f, l%cause, bound)
       end associate
-      where (bound%step < before%step) e%line(i)%limit = j
     end do
-    e%line(i)%bound = bound
   end subroutine find_steps
 
   !> Where two lines meet: c and k in units of the largest.
