@@ -80,7 +80,7 @@ contains
       logical :: layered(size(b%element_section))
       integer :: e, first
       if (.not. deck%is_choice(elastic)) return
-      if (deck%is_given('element_section') .and. any(b%element_section == 0)) return
+      if ((deck%is_given('section') .or. deck%is_given('element_section')) .and. any(b%element_section == 0)) return   ! not known
       layered = .false.
       do e = 1, size(layered)
         if (b%element_section(e) == 0) cycle
@@ -92,7 +92,6 @@ contains
         call need_cores(.false.)
         return
       end if
-      if (any(b%element_section == 0)) return
       if (.not. all(layered)) call deck%complain('element_section', 'sections with layers beside sections without, expected '// &
         'layers in all sections of the body')
       if (deck%is_given('material')) call deck%complain('material', 'material has no effect where sections have layers, '// &

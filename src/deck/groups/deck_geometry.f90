@@ -1,7 +1,6 @@
 !> Checks of the geometry of beams and frames: nodes, elements, connection, and the coordinates that fix the frame.
 module deck_geometry
   use kinds, only: wp
-  use lapack, only: dsyev
   use text, only: to_text
   use deck_input, only: deck_source
   use deck_get, only: same_length
@@ -11,12 +10,11 @@ module deck_geometry
   public :: check_frame, check_reference, removed_coordinates
 
   real(wp), parameter :: singular = 1.0e-12_wp     !! smaller determinants count as zero [-]
-  integer, parameter :: most_shown = 10            !! faults of one list that are shown one by one
   real(wp), parameter :: tiny_length = 1.0e-9_wp   !! elements shorter than this times the frame's size have no length [-]
 
 contains
 
-  !> Nodes and elements of a frame; `nodes` stays 0 where they are faulty.
+  !> Nodes and elements of a frame; `nodes` stays 0 where they are faulty. Of a faulty list the first fault is reported.
   subroutine check_frame(deck, b, paired)
     class(deck_source), intent(inout) :: deck
     type(body_record), intent(inout) :: b
@@ -39,9 +37,8 @@ contains
     subroutine check_elements()
       character(:), allocatable :: problem
       real(wp) :: size_of_frame              ! [m]
-      integer :: k, i, j, faulty
+      integer :: k, i, j
       size_of_frame = hypot(maxval(b%node_x) - minval(b%node_x), maxval(b%node_y) - minval(b%node_y))
-      faulty = 0
       do k = 1, b%elements
         i = b%element_nodes(1, k)
         j = b%element_nodes(2, k)
@@ -52,11 +49,9 @@ contains
           problem = ' has no length, expected two nodes apart'
         end if
         if (len(problem) == 0) cycle
-        faulty = faulty + 1
-        if (faulty <= most_shown) call deck%complain('element_nodes', 'element '//to_text(k)//' from node '//to_text(i)// &
-          ' to node '//to_text(j)//problem)
+        call deck%complain('element_nodes', 'element '//to_text(k)//' from node '//to_text(i)//' to node '//to_text(j)//problem)
+        return
       end do
-      call report_rest(deck, 'element_nodes', faulty)
     end subroutine check_elements
 
     !> Checks that elements connect all nodes.
@@ -78,15 +73,6 @@ contains
       end do
     end subroutine check_connected
   end subroutine check_frame
-
-  !> Says how many values of a long list are faulty beyond those shown.
-  subroutine report_rest(deck, name, faulty)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name     !! variable
-    integer, intent(in) :: faulty        !! number of faulty values
-    if (faulty > most_shown) call deck%complain(name, name//' has '//to_text(faulty - most_shown)// &
-      ' more faults of this kind, expected none')
-  end subroutine report_rest
 
   !> Smallest node of the tree that a node belongs to; the path to it is shortened for later searches.
   pure subroutine find_root(parent, node, root)
@@ -118,7 +104,7 @@ contains
     !> The two lists of reference coordinates: equal lengths, nodes that exist, nothing twice.
     subroutine check_lists()
       logical, allocatable :: removed(:, :)
-      integer :: k, dof, before, faulty
+      integer :: k, dof, before
       before = deck%faults%count
       if (deck%is_given('reference')) call deck%complain('reference', 'reference and reference_node, reference_dof are '// &
         'both given, expected one or the other')
@@ -127,38 +113,27 @@ contains
         'reference_node')
       call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
       where (b%reference_node == -1) b%reference_node = b%nodes
-      faulty = 0
-      do k = 1, size(b%reference_node)
-        if (b%reference_node(k) >= 1 .and. b%reference_node(k) <= b%nodes) cycle
-        faulty = faulty + 1
-        if (faulty <= most_shown) call deck%complain('reference_node', 'reference_node='// &
-          to_text(b%reference_node(k))//' is out of range, expected 1 to '//to_text(b%nodes)//' or -1 (the last)')
-      end do
-      call report_rest(deck, 'reference_node', faulty)
+      k = findloc(b%reference_node >= 1 .and. b%reference_node <= b%nodes, .false., 1)
+      if (k > 0) call deck%complain('reference_node', 'reference_node='//to_text(b%reference_node(k))// &
+        ' is out of range, expected 1 to '//to_text(b%nodes)//' or -1 (the last)')
       if (deck%faults%count > before .or. size(b%reference_node) /= size(b%reference_dof)) return
       allocate (removed(3, b%nodes), source=.false.)
       do k = 1, size(b%reference_node)
         dof = index('uvr', b%reference_dof(k))
-        if (removed(dof, b%reference_node(k))) then
-          faulty = faulty + 1
-          if (faulty <= most_shown) call deck%complain('reference_dof', 'coordinate '//b%reference_dof(k)//' of node '// &
-            to_text(b%reference_node(k))//' is removed twice, expected it once')
-        end if
+        if (removed(dof, b%reference_node(k)) .and. deck%faults%count == before) call deck%complain('reference_dof', &
+          'coordinate '//b%reference_dof(k)//' of node '//to_text(b%reference_node(k))//' is removed twice, expected it once')
         removed(dof, b%reference_node(k)) = .true.
       end do
-      call report_rest(deck, 'reference_dof', faulty)
     end subroutine check_lists
 
-    !> Reports in words a rigid motion that the removed coordinates do not stop.
+    !> Reports removed coordinates that leave a rigid motion of the body free.
     subroutine check_rank()
       real(wp), allocatable :: x(:), y(:)    ! nodes [m]
-      real(wp) :: normal(3, 3)               ! rows of the removed coordinates, transposed, times themselves [-]
-      real(wp) :: motion(3)                  ! free translation and rotation about node 1, lengths over the size [-]
+      real(wp) :: a(3, 3)                    ! rows of the removed coordinates, transposed, times themselves [-]
       real(wp) :: extent                     ! largest distance of a node from node 1 [m]
-      real(wp) :: part(3), work(9)           ! eigenvalues of that matrix [-], work space of LAPACK
       logical :: removed(3, b%nodes)
       character(:), allocatable :: name, what
-      integer :: k, dof, info
+      integer :: k, dof
       if (b%kind == 'frame') then
         x = b%node_x
         y = b%node_y
@@ -168,24 +143,21 @@ contains
       end if
       extent = maxval(hypot(x - x(1), y - y(1)))
       if (extent <= 0.0_wp) return
-      normal = 0.0_wp
+      a = 0.0_wp
       removed = removed_coordinates(b)
       do k = 1, b%nodes
         do dof = 1, 3
-          if (removed(dof, k)) call add_row(normal, dof, (x(k) - x(1))/extent, (y(k) - y(1))/extent)
+          if (removed(dof, k)) call add_row(a, dof, (x(k) - x(1))/extent, (y(k) - y(1))/extent)
         end do
       end do
-      call dsyev('V', 'U', 3, normal, 3, part, work, size(work), info)
-      if (product(part) > singular*max(sum(part), 1.0_wp)**3) return
-      motion = normal(:, 1)
-      if (part(2) <= singular*sum(part)) motion = motion*normal(3, 2) - normal(:, 2)*normal(3, 1)   ! a translation among free ones
-      if (norm2(motion) <= singular) motion = normal(:, 1)
+      if (a(1, 1)*(a(2, 2)*a(3, 3) - a(2, 3)**2) - a(1, 2)*(a(1, 2)*a(3, 3) - a(1, 3)*a(2, 3)) &
+          + a(1, 3)*(a(1, 2)*a(2, 3) - a(2, 2)*a(1, 3)) > singular*max(a(1, 1) + a(2, 2) + a(3, 3), 1.0_wp)**3) return
       name = 'reference'
       if (b%reference == 'explicit') name = 'reference_dof'
-      what = 'reference=''pinned'' (u and v of the first node, v of the last) leaves a '
-      if (b%reference == 'explicit') what = 'the coordinates of reference_node and reference_dof leave a '
-      call deck%complain(name, what//motion_text(motion, x(1), y(1), extent)//' of the body free, expected coordinates '// &
-        'that stop all three rigid motions')
+      what = 'reference=''pinned'' (u and v of the first node, v of the last) leaves'
+      if (b%reference == 'explicit') what = 'the coordinates of reference_node and reference_dof leave'
+      call deck%complain(name, what//' a translation or a rotation of the body free, expected u and v of a node and r of one, '// &
+        'or u or v of another one across the line between them')
     end subroutine check_rank
   end subroutine check_reference
 
@@ -220,24 +192,4 @@ contains
     if (dof == 2) row = [0.0_wp, 1.0_wp, x]
     normal = normal + spread(row, 1, 3)*spread(row, 2, 3)
   end subroutine add_row
-
-  !> A rigid motion in words.
-  pure function motion_text(motion, x, y, extent) result(t)
-    real(wp), intent(in) :: motion(3)   !! translation and rotation about node 1, lengths over the extent [-]
-    real(wp), intent(in) :: x, y        !! node 1 [m]
-    real(wp), intent(in) :: extent      !! [m]
-    character(:), allocatable :: t
-    real(wp) :: centre(2)               ! [m]
-    if (abs(motion(3)) > 1.0e-6_wp*norm2(motion)) then
-      centre = [x - extent*motion(2)/motion(3), y + extent*motion(1)/motion(3)]
-      where (abs(centre) < 1.0e-9_wp*extent) centre = 0.0_wp
-      t = 'rotation about the point '//to_text(centre(1))//','//to_text(centre(2))
-    else if (abs(motion(2)) <= 1.0e-6_wp*norm2(motion)) then
-      t = 'translation along x'
-    else if (abs(motion(1)) <= 1.0e-6_wp*norm2(motion)) then
-      t = 'translation along y'
-    else
-      t = 'translation along the direction '//to_text(motion(1)/norm2(motion))//','//to_text(motion(2)/norm2(motion))
-    end if
-  end function motion_text
 end module deck_geometry

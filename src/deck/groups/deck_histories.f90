@@ -8,13 +8,13 @@ module deck_histories
   use deck_input, only: deck_source
   use deck_get, only: same_length
   use deck_numbers, only: decades
-  use deck_paths, only: beside
+  use deck_paths, only: path_from
   use deck_records, only: history_record, profile_record
   use deck_tables, only: read_columns
   use deck_take, only: take
   implicit none (type, external)
   private
-  public :: read_history, read_table_file, check_histories, table_files
+  public :: read_history, read_lists, check_histories, table_files
 
   integer, parameter :: most_parts = 10000   !! histories that one may be made of, those of its parts included
   integer, parameter :: most_breakpoints = 1000000   !! of a periodic history over a run
@@ -28,7 +28,11 @@ contains
     type(history_record), intent(inout) :: h
     call take(deck, h)
     call deck%check_order('start', h%start, 'finish', h%finish)
-    if (deck%is_choice('table')) call check_table()
+    if (deck%is_choice('table')) then
+      call read_lists(deck, h%at%file, 'time', 'value', h%file, h%columns, h%time, h%values, h%file_digest)
+      if (size(h%time) > 0 .and. deck%is_given('file')) call take_points('file', 'time (column '//to_text(h%columns(1))//')')
+      if (size(h%time) > 0 .and. .not. deck%is_given('file')) call take_points('time', 'time')
+    end if
     if (deck%is_choice('switch') .and. deck%is_set('histories') .and. size(h%parts) /= 2) call deck%complain('histories', &
       'a switch chooses one of '//to_text(size(h%parts))//' histories, expected two: from its level on, and below it')
     call same_length(deck, 'histories', size(h%parts), 'factors', size(h%factors))
@@ -36,22 +40,6 @@ contains
     if (.not. deck%is_given('factors')) h%factors = spread(1.0_wp, 1, size(h%parts))
     call check_ends()
   contains
-    !> A table: its points, from the deck or a file.
-    subroutine check_table()
-      if (.not. deck%is_given('file')) then
-        call deck%need('time')
-        call deck%need('value')
-        call same_length(deck, 'time', size(h%time), 'value', size(h%values))
-        if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
-        if (deck%is_set('time')) call take_points('time', 'time')
-      else if (deck%is_given('time') .or. deck%is_given('value')) then
-        call deck%complain('file', 'file and time, value are both given, expected either a file or time and value')
-      else
-        call read_table_file(deck, h%at%file, 'time, value', h%file, h%columns, h%time, h%values, h%file_digest)
-        if (size(h%time) > 0) call take_points('file', 'time (column '//to_text(h%columns(1))//')')
-      end if
-    end subroutine check_table
-
     !> Scales and shifts the points of a table. It needs two or more, in order of time.
     subroutine take_points(name, what)
       character(*), intent(in) :: name       !! variable that is to blame
@@ -92,25 +80,38 @@ contains
     end subroutine check_ends
   end subroutine read_history
 
-  !> Two columns of the file of the open group, which keeps the path in which it was found. None: it could not be read.
-  subroutine read_table_file(deck, from, what, file, columns, x, y, found)
+  !> Two lists of equal length, of the open group or from columns of its file, which keeps the path in which it was found. Size 0: it
+  !> could not be read.
+  subroutine read_lists(deck, from, first, second, file, columns, x, y, found)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: from                   !! the deck's file, to which the path is relative
-    character(*), intent(in) :: what                   !! is in the columns
+    character(*), intent(in) :: first, second          !! the keys of the lists
     character(:), allocatable, intent(inout) :: file
     integer, allocatable, intent(inout) :: columns(:)  !! 1, 2 if not given
     real(wp), allocatable, intent(inout) :: x(:), y(:) !! [as the file]
     integer(ip), intent(inout) :: found                !! digest of its text
     character(:), allocatable :: written, content, problem
+    if (.not. deck%is_given('file')) then
+      call deck%need(first)
+      call deck%need(second)
+      call same_length(deck, first, size(x), second, size(y))
+      if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
+      return
+    else if (deck%is_given(first) .or. deck%is_given(second)) then
+      call deck%complain('file', 'file and '//first//', '//second//' are both given, expected either a file or '//first// &
+                         ' and '//second)
+      x = [real(wp) ::]
+      return
+    end if
     if (.not. deck%is_given('columns')) columns = [1, 2]
     if (.not. deck%is_set('file')) return
     if (size(columns) /= 2 .or. any(columns < 1)) then
       if (deck%is_set('columns')) call deck%complain('columns', 'columns are not two numbers of columns, expected '// &
-        'columns=1,2 ('//what//')')
+        'columns=1,2 ('//first//', '//second//')')
       return
     end if
     written = file
-    file = beside(from, written)
+    file = path_from(from, written)
     call read_file(file, content, problem)
     if (len(written) == 0) then
       problem = ' is empty, expected the name of a table of numbers beside this deck'
@@ -124,7 +125,7 @@ contains
     if (len(problem) == 0) return
     x = [real(wp) ::]
     call deck%complain('file', 'file='//quoted(printable(written, 80))//problem)
-  end subroutine read_table_file
+  end subroutine read_lists
 
   !> Reports sums, products, switches and sequences that contain themselves or too many others, and periods that are too short.
   subroutine check_histories(deck, list, t_end)

@@ -1,8 +1,7 @@
 !> Reader of &profile, and what joints and stops say of their pairs.
 module deck_profiles
   use kinds, only: wp
-  use deck_get, only: same_length
-  use deck_histories, only: read_table_file
+  use deck_histories, only: read_lists
   use deck_input, only: deck_source
   use deck_records, only: deck_record => deck, profile_record
   use deck_take, only: take
@@ -27,18 +26,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(profile_record), intent(inout) :: r
     integer :: k, least
-    if (deck%is_given('file')) then
-      if (deck%is_given('x') .or. deck%is_given('y')) then
-        call deck%complain('file', 'file and x, y are both given, expected either a file or x and y')
-        return
-      end if
-      call read_table_file(deck, r%at%file, 'x, y', r%file, r%columns, r%x, r%y, r%file_digest)
-    else
-      call deck%need('x')
-      call deck%need('y')
-      call same_length(deck, 'x', size(r%x), 'y', size(r%y))
-      if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
-    end if
+    call read_lists(deck, r%at%file, 'x', 'y', r%file, r%columns, r%x, r%y, r%file_digest)
     if (.not. deck%is_clean()) return
     least = merge(3, 2, r%closed)
     if (size(r%x) < least) call deck%complain(either('file', 'x', deck%is_given('file')), 'the profile has '// &

@@ -111,7 +111,7 @@ contains
       s%inertia = pi/64.0_wp*(s%outer**4 - s%inner**4)
       s%fibre = s%outer/2.0_wp
     end if
-    if (.not. allocated(s%layers)) s%layers = [integer ::]
+    if (deck%is_given('layers') .and. .not. deck%is_set('layers')) deallocate (s%layers)      ! not known
     if (deck%is_clean()) return
     s%thickness = [real(wp) ::]                      ! of a section with a fault no more is asked than whether it has layers
     s%cores = [integer ::]

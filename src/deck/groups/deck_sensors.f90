@@ -106,7 +106,7 @@ contains
         else if (deck%is_set('element') .and. s%element > b%elements) then
           call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
             body_text(d, s%marker%body)//', expected 1 to '//to_text(b%elements))
-        else if (deck%is_set('index') .and. s%index > elastic_coordinates(d, b)) then
+        else if (deck%is_set('index') .and. sections_read(d, b) .and. s%index > elastic_coordinates(d, b)) then
           call deck%complain('index', 'index='//to_text(s%index)//' is out of range for '// &
             body_text(d, s%marker%body)//', expected 1 to '//to_text(elastic_coordinates(d, b)))
         else if (deck%is_choice('energy')) then

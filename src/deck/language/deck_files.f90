@@ -9,7 +9,7 @@ module deck_files
   use deck_lexer, only: split_groups
   use deck_overrides, only: add_override, is_override, override_file
   use expression, only: is_name
-  use deck_paths, only: beside
+  use deck_paths, only: path_from
   use deck_syntax, only: string_value, value_token
   implicit none (type, external)
   private
@@ -115,7 +115,7 @@ contains
       deck%names%complete = .false.               ! what it would have defined is not known
       return
     end if
-    path = beside(deck%parts%sources(file)%path, name)
+    path = path_from(deck%parts%sources(file)%path, name)
     call check_repeated(deck, path, file, prefix, problem)
     if (len(problem) == 0) then
       deck%parts%groups(number)%included = deck%parts%source_count + 1

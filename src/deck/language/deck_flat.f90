@@ -6,7 +6,7 @@ module deck_flat
   use readable_text, only: lf
   use text, only: exact_text, to_text
   use deck_keys, only: in_parameter
-  use deck_paths, only: beside
+  use deck_paths, only: path_from
   use deck_syntax, only: syntax, expression_value
   use posix, only: current_folder
   implicit none (type, external)
@@ -92,7 +92,7 @@ contains
   function table_path(file, name) result(path)
     character(*), intent(in) :: file, name
     character(:), allocatable :: path
-    path = beside(file, name)
+    path = path_from(file, name)
     if (index(path, '/') /= 1) path = current_folder()//path
   end function table_path
 

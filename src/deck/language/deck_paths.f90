@@ -3,7 +3,7 @@ module deck_paths
   use whole_file, only: from_input
   implicit none (type, external)
   private
-  public :: deck_name, beside
+  public :: deck_name, path_from
 
 contains
 
@@ -31,7 +31,7 @@ contains
   end function deck_name
 
   !> Path of a file that another one names relative to itself, without needless `.` and `..`.
-  pure function beside(file, relative) result(path)
+  pure function path_from(file, relative) result(path)
     character(*), intent(in) :: file       !! the file that names it
     character(*), intent(in) :: relative   !! as named
     character(:), allocatable :: path
@@ -54,5 +54,5 @@ contains
       end if
     end do
     if (len(path) == 0) path = '.'           ! the current folder
-  end function beside
+  end function path_from
 end module deck_paths

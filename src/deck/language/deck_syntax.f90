@@ -4,7 +4,7 @@ module deck_syntax
   use kinds, only: wp
   use readable_text, only: printable
   use text, only: digits, letters, lower, word_hash
-  use deck_paths, only: beside
+  use deck_paths, only: path_from
   implicit none (type, external)
   private
   public :: group_subject
@@ -120,7 +120,7 @@ contains
     self%source_count = self%source_count + 1
     associate (new => self%sources(self%source_count))
       new = source(path=path, text=text, parent=parent, prefix=prefix, original=self%source_of(path))
-      new%key = beside('', path)
+      new%key = path_from('', path)
       new%hash = word_hash(new%key)
       if (parent > 0) then
         new%depth = self%sources(parent)%depth + 1
@@ -142,7 +142,7 @@ contains
     character(*), intent(in) :: path
     character(:), allocatable :: key
     integer :: hash
-    key = beside('', path)
+    key = path_from('', path)
     hash = word_hash(key)
     do number = 1, self%source_count
       if (self%sources(number)%hash /= hash) cycle
