@@ -66,7 +66,7 @@ contains
     select type (f => m%s%forces(m%s%switching(i))%item)
     class is (stop_model)
       unit_of_mass = either(' kg m2', ' kg', f%angular)
-      depth = f%example()
+      depth = f%scaled(example_depth)
       stiffness = f%stiffness_at(depth)
       call text%say('  stop "{name='//trim(f%name)//'}": ')
       if (f%rigid) call text%say('rigid')

@@ -45,7 +45,7 @@ contains
       end associate
     end do
     do k = 1, s%acting
-      call set_acts(list(:, n + k), s%forces(k)%item%acts_on())
+      call set_acts(list(:, n + k), s%forces(k)%item%acts)
     end do
   end function list_acting
 

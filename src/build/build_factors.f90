@@ -8,7 +8,7 @@ module build_factors
   use deck_origin, only: origin
   use deck_records, only: column_record, deck, force_record
   use errors, only: fault_list
-  use force_element, only: force_box
+  use force_element, only: append, force_model
   use history, only: history_model
   use motion_factor, only: factor_node, is_product, is_sum, is_switch, motion_factor_model, of_motion
   use motion_watch, only: history_watch, switch_watch, watch_model
@@ -16,40 +16,43 @@ module build_factors
   use text, only: quoted
   implicit none (type, external)
   private
-  public :: check_users, gives_back, of_time, place_watches, require_continuous, times_of
+  public :: check_users, gives_back, of_time, place_watches, require_continuous
 
-  !> Factors and watches found so far; each stands once.
+  !> What the factors and watches of a scene are of, so that each stands once.
   type, public :: factor_list
-    type(motion_factor_model), allocatable :: factors(:)
-    integer, allocatable :: keys(:, :)             !! (3, factors) history, sensor and column of its argument
-    type(force_box), allocatable :: watches(:)
+    integer :: count = 0                           !! factors so far
+    integer, allocatable :: keys(:, :)             !! (3, loads) of each factor: history, sensor and column of its argument
     integer, allocatable :: histories(:)           !! (watches) each one's history
     type(column_record), allocatable :: columns(:) !! (watches) what it watches
-    integer :: choices = 0                         !! watches that are switches
   contains
+    procedure :: begin
     procedure :: find
-    procedure :: move
   end type factor_list
 
 contains
 
-  !> The factor of a load, made where it is new.
-  subroutine find(self, d, r, order, number, faults)
+  !> No factor yet, in a scene with so many loads.
+  subroutine begin(self, loads, s)
+    class(factor_list), intent(inout) :: self
+    integer, intent(in) :: loads
+    type(scene), intent(inout) :: s
+    allocate (self%keys(3, loads), self%histories(0), self%columns(0), s%factors(loads))
+  end subroutine begin
+
+  !> The factor of a load, made where it is new, as are its watches, which stand behind the elements that act.
+  subroutine find(self, d, s, r, order, number, faults)
     class(factor_list), intent(inout) :: self
     type(deck), intent(in) :: d
+    type(scene), intent(inout) :: s
     type(force_record), intent(in) :: r            !! with a history that follows a motion
     integer, intent(in) :: order                   !! highest derivative whose jumps are events
     integer, intent(out) :: number
     type(fault_list), intent(inout) :: faults
     type(motion_factor_model) :: f
-    type(motion_factor_model), allocatable :: longer(:)   ! an array constructor would leak (gfortran)
     integer :: key(3), k
     logical :: used                                ! the load's own argument is
-    if (.not. allocated(self%factors)) then
-      allocate (self%factors(0), self%keys(3, 0), self%watches(0), self%histories(0), self%columns(0))
-    end if
     key = [r%history, r%argument%sensor, r%argument%number]
-    do number = 1, size(self%factors)
+    do number = 1, self%count
       if (all(self%keys(:, number) == key)) return
     end do
     allocate (f%nodes(0))
@@ -58,11 +61,9 @@ contains
     if (r%argument%sensor > 0 .and. .not. used) call r%at%blame(faults, 'every part of history '// &
       quoted(trim(d%histories(r%history)%name))//' has an argument of its own, expected no argument here')
     f%arguments = pack(f%nodes%watch, f%nodes%kind == of_motion)
-    allocate (longer(number))
-    longer(:number - 1) = self%factors
-    longer(number) = f
-    call move_alloc(longer, self%factors)
-    self%keys = reshape([self%keys, key], [3, number])
+    s%factors(number) = f
+    self%keys(:, number) = key
+    self%count = number
   contains
     !> Appends the nodes of a history; its own is the last one.
     recursive subroutine add_node(record, outer, inherited, number)
@@ -129,8 +130,9 @@ contains
       integer, intent(in) :: record
       type(column_record), intent(in) :: column
       class(watch_model), allocatable :: watch
+      class(force_model), allocatable :: item
       type(switch_watch), allocatable :: choice
-      do k = 1, size(self%watches)
+      do k = 1, size(self%histories)
         if (self%histories(k) == record .and. self%columns(k)%sensor == column%sensor .and. &
             self%columns(k)%number == column%number) return
       end do
@@ -138,7 +140,7 @@ contains
         allocate (choice)
         choice%level = d%histories(record)%level
         choice%switches = .true.
-        self%choices = self%choices + 1
+        s%choices = s%choices + 1
         call move_alloc(choice, watch)
       else
         allocate (history_watch :: watch)
@@ -150,43 +152,10 @@ contains
       watch%group = 'history'
       self%histories = [self%histories, record]
       self%columns = [self%columns, column]
-      call append(self%watches, watch)
+      call move_alloc(watch, item)
+      call append(s%forces, item)
     end function watch_of
   end subroutine find
-
-  !> Appends a watch to a list.
-  subroutine append(list, watch)
-    type(force_box), allocatable, intent(inout) :: list(:)
-    class(watch_model), allocatable, intent(inout) :: watch
-    type(force_box), allocatable :: longer(:)
-    integer :: k
-    allocate (longer(size(list) + 1))
-    do k = 1, size(list)
-      call move_alloc(list(k)%item, longer(k)%item)
-    end do
-    call move_alloc(watch, longer(size(longer))%item)
-    call move_alloc(longer, list)
-  end subroutine append
-
-  !> Gives the scene its factors, and its watches behind the elements that act; they have no markers yet.
-  subroutine move(self, s, watched)
-    class(factor_list), intent(inout) :: self
-    type(scene), intent(inout) :: s
-    type(column_record), allocatable, intent(out) :: watched(:)   !! what each of them watches
-    type(force_box), allocatable :: all(:)
-    integer :: k
-    allocate (watched(0), s%factors(0))
-    if (.not. allocated(self%factors)) return
-    watched = self%columns
-    s%factors = self%factors
-    s%choices = self%choices
-    allocate (all(s%acting + size(watched)))
-    do k = 1, size(all)
-      if (k <= s%acting) call move_alloc(s%forces(k)%item, all(k)%item)
-      if (k > s%acting) call move_alloc(self%watches(k - s%acting)%item, all(k)%item)
-    end do
-    call move_alloc(all, s%forces)
-  end subroutine move
 
   !> The quantities that watches watch, between markers of the scene, and with them the arguments of the loads.
   subroutine place_watches(d, s, watched, markers)
@@ -255,35 +224,6 @@ contains
     if (column%sensor == 0) return
     yes = any(d%sensors(column%sensor)%quantity == [character(8) :: 'position', 'distance']) .and. is_plain(d, r%history, column)
   end function gives_back
-
-  !> Numbers of the histories of time that the factor of a load has.
-  function times_of(d, r) result(list)
-    type(deck), intent(in) :: d
-    type(force_record), intent(in) :: r
-    integer, allocatable :: list(:)
-    allocate (list(0))
-    if (r%history > 0) call look_at(r%history, r%argument)
-  contains
-    !> Appends those of one history.
-    recursive subroutine look_at(record, outer)
-      integer, intent(in) :: record
-      type(column_record), intent(in) :: outer     !! argument of what it is a part of; none: time
-      type(column_record) :: column
-      integer :: k
-      associate (h => d%histories(record))
-        column = outer
-        if (h%argument%sensor > 0) column = h%argument
-        if (is_plain(d, record, column)) then
-          if (column%sensor == 0) list = [list, record]
-          return
-        end if
-        if (h%kind == 'switch') column = outer
-        do k = 1, size(h%parts)
-          call look_at(h%parts(k), column)
-        end do
-      end associate
-    end subroutine look_at
-  end function times_of
 
   !> Drives, controllers, springs and profiles have an argument already: their histories have none.
   subroutine check_users(d, faults)

@@ -132,18 +132,13 @@ contains
     integer, allocatable :: above(:)         ! layers between the base and each core of the body
     integer :: k, l
     allocate (above(0))
-    do k = 1, size(b%layers%sections)
-      associate (s => b%layers%sections(k))
-        do l = 1, size(s%layers)
-          if (s%layers(l)%core > 0 .and. .not. any(above == l - s%base)) above = [above, l - s%base]
-        end do
-      end associate
-    end do
     allocate (b%layers%slot(maxval(b%layers%sections%cores), size(b%layers%sections)), source=0)
     do k = 1, size(b%layers%sections)
       associate (s => b%layers%sections(k))
         do l = 1, size(s%layers)
-          if (s%layers(l)%core > 0) b%layers%slot(s%layers(l)%core, k) = findloc(above, l - s%base, 1)
+          if (s%layers(l)%core == 0) cycle
+          if (.not. any(above == l - s%base)) above = [above, l - s%base]
+          b%layers%slot(s%layers(l)%core, k) = findloc(above, l - s%base, 1)
         end do
       end associate
     end do

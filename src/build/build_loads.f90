@@ -7,8 +7,8 @@ module build_loads
   use build_factors, only: factor_list, of_time, require_continuous
   use deck_records, only: column_record, deck, force_record, spring_record, stop_record, transient_record
   use errors, only: fault_list
-  use force_element, only: force_box, force_model, stage_all, stage_static, stage_transient
-  use loads, only: load_model, body_force_model, central_torque_model, point_force_model, section_force_model, torque_model
+  use force_element, only: append, force_model, stage_all, stage_static, stage_transient
+  use loads, only: central_torque_model, load_model, point_force_model, torque_model
   use scene_model, only: scene
   use stop_row, only: stop_row_model
   use measure, only: measure_model
@@ -30,23 +30,27 @@ contains
     type(column_record), allocatable, intent(out) :: watched(:)   !! columns that the watches of factors watch
     type(fault_list), intent(inout) :: faults
     type(factor_list) :: list
+    class(force_model), allocatable :: item
     integer, allocatable :: order(:)       ! stops first
     integer :: k, loads
     s%springs = size(d%springs)
     loads = s%springs + size(d%forces)
     s%acting = loads + size(d%stops)
     allocate (s%forces(s%acting))
+    call list%begin(size(d%forces), s)
     do k = 1, s%acting
       if (k <= s%springs) then
-        call make_spring(d, d%springs(k), s%forces(k)%item, faults)
+        call make_spring(d, d%springs(k), item, faults)
       else if (k <= loads) then
-        call make_load(d, d%forces(k - s%springs), s%forces(k)%item, list, faults)
+        call make_load(d, s, d%forces(k - s%springs), item, list, faults)
       else
-        call make_stop(d, d%stops(k - loads), s%forces(k)%item, faults)
+        call make_stop(d, d%stops(k - loads), item, faults)
       end if
+      call move_alloc(item, s%forces(k)%item)
     end do
     s%stops = size(d%stops)
-    call list%move(s, watched)
+    s%factors = s%factors(:list%count)
+    watched = list%columns
     call watch_profiles(d, s)
     order = [(k, k=loads + 1, s%acting), (k, k=1, loads), (k, k=s%acting + 1, size(s%forces))]
     s%switching = pack(order, [(s%forces(order(k))%item%switches, k=1, size(order))])
@@ -79,21 +83,16 @@ contains
     subroutine watch(gap, number)
       class(measure_model), intent(inout) :: gap
       integer, intent(in) :: number          !! of its joint or stop, among constraints and force elements
-      type(history_watch), allocatable :: item
-      type(force_box), allocatable :: all(:)
-      integer :: j
-      allocate (item)
-      call watch_pair(gap, size(s%corners) + 1, item%history)
-      if (.not. allocated(item%history)) return
-      item%switches = .true.
-      item%whole_turns = .true.
-      item%name = 'corners'
-      allocate (all(size(s%forces) + 1))
-      do j = 1, size(s%forces)
-        call move_alloc(s%forces(j)%item, all(j)%item)
-      end do
-      call move_alloc(item, all(size(all))%item)
-      call move_alloc(all, s%forces)
+      type(history_watch), allocatable :: watcher
+      class(force_model), allocatable :: item
+      allocate (watcher)
+      call watch_pair(gap, size(s%corners) + 1, watcher%history)
+      if (.not. allocated(watcher%history)) return
+      watcher%switches = .true.
+      watcher%whole_turns = .true.
+      watcher%name = 'corners'
+      call move_alloc(watcher, item)
+      call append(s%forces, item)
       s%corners = [s%corners, number]
     end subroutine watch
   end subroutine watch_profiles
@@ -172,6 +171,8 @@ contains
     sp%name = r%name
     sp%group = 'spring'
     sp%angular = sp%measure%angular
+    sp%along_line = sp%measure%radial
+    sp%acts = sp%measure%acts
     sp%stiffness = r%law%stiffer*r%stiffness
     sp%damping = r%law%stiffer*r%law%slower*r%damping
     sp%measure%datum = r%free
@@ -190,8 +191,9 @@ contains
   end subroutine make_spring
 
   !> The factory of loads.
-  subroutine make_load(d, r, item, list, faults)
+  subroutine make_load(d, s, r, item, list, faults)
     type(deck), intent(in) :: d
+    type(scene), intent(inout) :: s
     type(force_record), intent(in) :: r
     class(force_model), allocatable, intent(out) :: item
     type(factor_list), intent(inout) :: list       !! of factors that follow motions
@@ -203,20 +205,15 @@ contains
     case ('torque_about')
       l = central_torque_model(moment=r%moment, centre=r%centre)
     case default
-      select case (r%axes)
-      case ('body')
-        l = body_force_model(f=[r%fx, r%fy], in_frame=.true.)
-      case ('section')
-        l = section_force_model(f=[r%fx, r%fy])
-      case default
-        l = point_force_model(f=[r%fx, r%fy])
-      end select
+      l = point_force_model(f=[r%fx, r%fy], in_frame=r%axes == 'body', in_section=r%axes == 'section')
     end select
+    l%acts(1:2) = r%type /= 'torque'
+    l%acts(3) = r%type == 'torque'
     l%name = r%name
     if (of_time(d, r)) then
       call make_history(d, r%history, l%history)
     else if (r%history > 0) then
-      call list%find(d, r, order_of_events(d%transient), l%motion_factor, faults)
+      call list%find(d, s, r, order_of_events(d%transient), l%motion_factor, faults)
     end if
     l%controller = r%controller
     l%stage = stage_all
@@ -256,6 +253,7 @@ contains
     t%name = r%name
     t%group = 'stop'
     t%angular = t%measure%angular
+    t%acts = t%measure%acts
     t%switches = .true.
     t%lower = r%lower
     t%upper = r%upper

@@ -44,6 +44,7 @@ contains
     if (pair%flat) pair%face = face
     associate (r => d%profiles(number))
       call make_profile(d, r, pair%profile, faults)
+      pair%acts = [.true., .true., pair%flat, .true., .true., .not. pair%profile%round]
       if (r%hollow) pair%span = r%radius - radius
       select type (curve => pair%profile)
       class is (curve_model)

@@ -30,6 +30,7 @@ contains
       item = difference(3)
     case ('deflection', 'coordinate')
       allocate (elastic_measure :: item)
+      item%acts([1, 2, 4, 5]) = .true.         ! a lies on the line through b
       b = marker_record(body=a%body)
     case ('spring')
       a = d%springs(r%spring)%a

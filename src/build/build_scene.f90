@@ -38,7 +38,7 @@ contains
     call make_constraints(d, s, faults)
     call make_forces(d, s, watched, faults)
     call make_controllers(d, s)
-    call check_repeating(d, faults)
+    call check_repeating(d, s, faults)
     if (faults%count == 0) call place_elements(d, s, watched, faults)
   end subroutine build
 
@@ -81,7 +81,7 @@ contains
     call list_integrated(d, s)
     do k = 1, s%acting
       associate (f => s%forces(k)%item, pair => acting(:, s%permanent + k)%marker)
-        moment_only = f%switches .and. .not. any(f%acts_on() .and. [.true., .true., .false., .true., .true., .false.])
+        moment_only = f%switches .and. .not. any(f%acts .and. [.true., .true., .false., .true., .true., .false.])
         f%ia = find_marker(s, markers, pair(1), moment_only)
         f%ib = find_marker(s, markers, pair(2), moment_only)
         if (allocated(f%measure)) then

@@ -2,12 +2,12 @@
 !> that is sought.
 module repeating_histories
   use kinds, only: wp
-  use build_factors, only: times_of
   use build_history, only: make_history
   use deck_origin, only: origin
   use deck_records, only: deck
   use errors, only: fault_list
   use history, only: breakpoint, history_model
+  use scene_model, only: scene
   use step_counts, only: rounding_of
   use text, only: es_text, to_text
   implicit none (type, external)
@@ -20,20 +20,26 @@ module repeating_histories
 contains
 
   !> Reports each history that does not repeat, and samples that do not fit into the period.
-  subroutine check_repeating(d, faults)
+  subroutine check_repeating(d, s, faults)
     type(deck), intent(in) :: d
+    type(scene), intent(in) :: s                   !! its force elements are made
     type(fault_list), intent(inout) :: faults
     real(wp) :: samples                            ! [-]
-    integer, allocatable :: times(:)               ! numbers of histories of time
     integer :: k, i
     if (.not. d%periodic%present) return
     do k = 1, size(d%forces)
       associate (f => d%forces(k))
-        if (f%stage == 'static') cycle
-        times = times_of(d, f)
-        do i = 1, size(times)
-          call one_history(d, times(i), f%at, .false., faults)
-        end do
+        if (f%stage == 'static' .or. f%history == 0) cycle
+        if (s%forces(s%springs + k)%item%motion_factor == 0) then
+          call one_history(d, f%history, f%at, .false., faults)
+          cycle
+        end if
+        associate (nodes => s%factors(s%forces(s%springs + k)%item%motion_factor)%nodes)
+          do i = 1, size(nodes)
+            if (allocated(nodes(i)%history)) call one_history(d, findloc(d%histories%name == nodes(i)%history%name, .true., 1), &
+                                                              f%at, .false., faults)
+          end do
+        end associate
       end associate
     end do
     do k = 1, size(d%drives)

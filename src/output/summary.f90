@@ -1,6 +1,6 @@
 !> The model part of the summary and of --check: what was modelled and why, and what it costs.
 module summary
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use assembly_reports, only: assembly_report
   use body, only: body_model
   use controller, only: delay_limit
@@ -149,7 +149,7 @@ contains
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k))
         if (c%delay > 0.0_wp) call text%line('  note: the delay of controller "'//trim(c%name)//'" is its Pade approximation '// &
-          'of order 3, whose phase errs by 5 degrees at {'//trim(c%name)//' 4} Hz and by more above', [delay_limit(c%delay)])
+          'of order 3, whose phase errs by 5 degrees at {'//trim(c%name)//' 4} Hz and by more above', [delay_limit/(2*pi*c%delay)])
       end associate
     end do
     call text%close()
@@ -161,25 +161,12 @@ contains
     type(body_model), intent(in) :: b
     integer, intent(in) :: k
     character(:), allocatable :: text
-    character(14) :: kind                      ! of the terms
-    integer :: r, ghm, maxwell, elements
-    ghm = 0
-    maxwell = 0
-    elements = 0
-    do r = 1, size(b%segments)
-      ghm = max(ghm, b%segments(r)%law%second)
-      maxwell = max(maxwell, b%segments(r)%law%first)
-      elements = elements + b%segments(r)%last - b%segments(r)%first + 1   ! with layers their deformations
-    end do
-    kind = merge('GHM           ', 'Maxwell       ', maxwell == 0)
-    if (ghm > 0 .and. maxwell > 0) kind = 'GHM or Maxwell'
-    if (b%nz > 0 .and. b%basis%reduced_from > 0) then
-      text = to_text(b%nz)//' dissipative coordinates (one a mode, viscoelastic material and '//trim(kind)//' term)'
-    else if (b%nz > 0) then
-      text = ' viscoelastic elements, '//to_text(b%nd)//' deformations each, '
-      if (allocated(b%layers)) text = ' deformations of viscoelastic layers, '
-      text = to_text(b%nz)//' dissipative coordinates ('//to_text(elements)//text//to_text(ghm + maxwell)//' '//trim(kind)// &
-             either(' term)', ' terms)', ghm + maxwell == 1)
+    integer :: r, ghm, maxwell                 ! terms, at most
+    if (b%nz > 0) then
+      ghm = maxval([(b%segments(r)%law%second, r=1, size(b%segments))])
+      maxwell = maxval([(b%segments(r)%law%first, r=1, size(b%segments))])
+      text = to_text(b%nz)//' dissipative coordinates (one a '//either('mode and material', 'viscoelastic deformation', &
+        b%basis%reduced_from > 0)//' and term, up to '//to_text(ghm)//' of GHM and '//to_text(maxwell)//' of Maxwell)'
     else if (d%bodies(k)%viscoelastic) then
       text = 'no dissipative coordinates (no viscoelastic terms in its materials)'
     else
@@ -187,7 +174,6 @@ contains
       if (d%bodies(k)%modulus_at > 0.0_wp) text = text//'modulus at '//to_text(d%bodies(k)%modulus_at)//' Hz)'
       if (.not. d%bodies(k)%modulus_at > 0.0_wp) text = text//'static modulus E_R)'
     end if
-    text = trim(text)
     if (b%rayleigh) text = text//', Rayleigh damping'
   end function damping_words
 

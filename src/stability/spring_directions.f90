@@ -32,7 +32,7 @@ contains
     ends = -1.0_wp
     do k = 1, size(m%s%forces)
       associate (sp => m%s%forces(k)%item)
-        if (.not. sp%along_line()) cycle
+        if (.not. sp%along_line) cycle
         if (is_guided(m, ev, k)) cycle
         ends(:, k) = 0.0_wp
         ra = inverse_mass(m, ev, sp%ia)
@@ -51,7 +51,7 @@ contains
     integer :: k, i, b, marker
     stiffness = 0.0_wp
     do k = 1, size(m%s%forces)
-      if (.not. m%s%forces(k)%item%along_line()) cycle
+      if (.not. m%s%forces(k)%item%along_line) cycle
       do i = 1, 2
         marker = merge(m%s%forces(k)%item%ia, m%s%forces(k)%item%ib, i == 1)
         b = m%s%markers(marker)%body

@@ -132,7 +132,9 @@ contains
     self%to_end = max(g(1), 0.0_wp)/max(abs(rate(1)), tiny(1.0_wp))
     if (0.5_wp*self%age > self%time) self%longest = huge(1.0_wp)
     if (.not. explicit) return
-    call stop%contact_rates(with, self%mass, maxval(depth(:n)), maxval(rate), stiffness, damping)
+    call stop%slopes(with, maxval(depth(:n)), maxval(rate), stiffness, damping)
+    stiffness = max(stiffness, 0.0_wp)/self%mass
+    damping = damping/self%mass
     self%stiffness = max(self%stiffness, stiffness)
     self%damping = max(self%damping, damping)
     ! explicit methods follow a mass on it: c h/m at most 2, where they are stable, and sqrt(k/m) h at most 0.5, where they hardly

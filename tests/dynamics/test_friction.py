@@ -421,7 +421,7 @@ def test_no_friction_is_none(run_deck):
 
 
 def test_behind_a_drive_and_without_load(run_deck):
-    """Beside a drive a joint slips with it and is carried while it rests; joints without load or with preload alone."""
+    """Beside a drive a joint slips with it and is unloaded while it rests; joints without load or with preload alone."""
     run = run_deck("""&scene gravity=0,-9.81 /
 &body name='crank' mass=1 inertia=0.01 com=0.1,0 /
 &joint name='main' type='revolute' body_a='crank' friction=0.3 pin_radius=0.02 /
@@ -432,7 +432,7 @@ def test_behind_a_drive_and_without_load(run_deck):
 """)
     times, words = events_of(run)
     assert times == pytest.approx([0.5, 1.0], abs=1e-5)
-    assert [word[1:] for word in words] == [["carried", "forward"], ["forward", "carried"]]
+    assert [word[1:] for word in words] == [["unloaded", "forward"], ["forward", "unloaded"]]
     assert run.history["d.m"][-1] == pytest.approx(0.1 * G * cos(1.0), rel=1e-9)
     run = run_deck(
         """&body name='b' mass=2 inertia=0.1 /
@@ -522,7 +522,7 @@ def test_a_mechanism_of_one_freedom_comes_to_rest_in_all_joints_at_once(run_deck
         run = run_deck(deck.replace("TOLERANCE", tolerance), name=tolerance)
         times, words = events_of(run)
         assert {name for name, *_ in words[-4:]} == {"o", "p", "q", "t"}
-        assert {after for *_, after in words[-4:]} <= {"stuck", "carried"}
+        assert {after for *_, after in words[-4:]} <= {"stuck", "at_limit"}
         assert np.ptp(times[-4:]) < 1e-12
         assert np.abs(run.history["w"][run.history["t"] > times[-1]]).max() < 1e-13
         ends.append(times[-1])

@@ -355,11 +355,11 @@ def block_before_a_wall(end):
         if v**2 > 2 * fall * 1e-11 * 0.1:  # the scene is 0.1 m large
             found.append((t, "rail", "backward", "forward"))
             continue
-        found += [(t + 4 * v / fall, "wall", "open", "lower"), (t, "rail", "backward", "carried")]
+        found += [(t + 4 * v / fall, "wall", "open", "lower"), (t, "rail", "backward", "at_limit")]
         t = first(lambda s: -static - load(s), t)  # friction alone holds it, at the wall
-        found += [(t, "wall", "lower", "lower_idle"), (t, "rail", "carried", "stuck")]
+        found += [(t, "wall", "lower", "lower_unloaded"), (t, "rail", "at_limit", "stuck")]
         t = first(lambda s: static - load(s), t)
-        found += [(t, "wall", "lower_idle", "open"), (t, "rail", "stuck", "forward")]
+        found += [(t, "wall", "lower_unloaded", "open"), (t, "rail", "stuck", "forward")]
         v = 0.0
 
 
@@ -368,7 +368,7 @@ def test_friction_and_rigid_stops_together(run_deck):
     deck = WALLS.replace("FRICTION", "friction=0.2 friction_static=0.25").replace(" upper=0.2", "").replace("RESTITUTION", "0.5")
     runs = [run_deck(deck.replace("METHOD", f"'{method}' tolerance=1e-10"), name=method) for method in ("dopri5", "radau")]
     expected = block_before_a_wall(3.0)
-    pairs = (("open", "lower"), ("lower", "lower_idle"))
+    pairs = (("open", "lower"), ("lower", "lower_unloaded"))
     closed, opened = (next(words[0] for words in expected if words[2:4] == pair) for pair in pairs)
     for run in runs:
         events = events_of(run)
@@ -424,8 +424,8 @@ def test_friction_that_hardly_acts_on_a_freedom(run_deck):
     first, second = (events_of(run) for run in runs)
     assert [words[1:4] for words in first] == [words[1:4] for words in second]
     assert all(words[2] != words[3] for words in first)
-    left = next(words[0] for words in first if words[1:4] == ("sk", "upper_idle", "open"))
-    assert {words[1:4] for words in first if words[0] == left} == {("sk", "upper_idle", "open"), ("o", "stuck", "backward")}
+    left = next(words[0] for words in first if words[1:4] == ("sk", "upper_unloaded", "open"))
+    assert {words[1:4] for words in first if words[0] == left} == {("sk", "upper_unloaded", "open"), ("o", "stuck", "backward")}
     assert runs[0].history["x.x"] == pytest.approx(runs[1].history["x.x"], abs=1e-8)
 
 
@@ -449,11 +449,11 @@ def test_a_stop_and_friction_behind_a_gear_hold_one_freedom(method, run_deck):
     hit, *_, left = events_of(run)
     assert hit[1:4] == ("s", "open", "upper")
     moments = {words[1:4]: words[0] for words in events_of(run)[1:]}
-    assert moments["jb", "backward", "carried"] == hit[0]  # at rest with the arm, at its limit
+    assert moments["jb", "backward", "at_limit"] == hit[0]  # at rest with the arm, at its limit
     held = np.arcsin(0.085 / 6)
-    for words, phase in (("s", "upper", "upper_idle"), np.pi - held), (("s", "upper_idle", "open"), np.pi + held):
+    for words, phase in (("s", "upper", "upper_unloaded"), np.pi - held), (("s", "upper_unloaded", "open"), np.pi + held):
         assert moments[words] == pytest.approx((phase - 0.5) / (2 * np.pi * 0.9), abs=1e-12)
-    assert left[0] == moments["s", "upper_idle", "open"]
+    assert left[0] == moments["s", "upper_unloaded", "open"]
     assert left[1:4] == ("jb", "stuck", "forward")
     assert run.history["a"][-1] < 1.3
 

@@ -14,7 +14,6 @@ module bumper
     real(wp) :: hardness = 0.0_wp           !! [N/m2]
   contains
     procedure :: act
-    procedure :: acts_on
     procedure :: tangent
     procedure :: energy
   end type bumper_model
@@ -27,13 +26,6 @@ contains
     type(marker_states), intent(in) :: p
     depth = max(0.0_wp, self%gap - (p%r(2, self%ia) - p%r(2, self%ib)))
   end function depth
-
-  !> It pushes up and down.
-  pure function acts_on(self) result(yes)
-    class(bumper_model), intent(in) :: self
-    logical :: yes(6)
-    yes = [.false., .true., .false., .false., .true., .false.]
-  end function acts_on
 
   !> The force up on a and down on b.
   pure subroutine act(self, p, with, z, zd, zdd, x)
@@ -100,6 +92,7 @@ program toy_bumper
   end do
   read (word(3), *) new%gap
   read (word(4), *) new%hardness
+  new%acts([2, 5]) = .true.
   call read_deck(trim(word(1)), run%d, faults)
   if (faults%count == 0) call build(run%d, s, faults)
   if (faults%count > 0) error stop 2, quiet=.true.

@@ -12,7 +12,6 @@ module parabola
     real(wp) :: radius = 1.0_wp             !! of curvature at the bottom [m]
   contains
     procedure :: measure => motion
-    procedure :: acts_on
     procedure :: curvature
   end type parabola_measure
 
@@ -31,13 +30,6 @@ contains
       now%bias = -v(1)**2/self%radius
     end associate
   end subroutine motion
-
-  !> It depends on the position of a.
-  pure function acts_on(self) result(yes)
-    class(parabola_measure), intent(in) :: self
-    logical :: yes(6)
-    yes = [.true., .true., .false., .false., .false., .false.]
-  end function acts_on
 
   !> -1/R along x.
   pure subroutine curvature(self, p, h)
@@ -78,6 +70,7 @@ program toy_guide
     call get_command_argument(k, word(k))
   end do
   read (word(3), *) guide%radius
+  guide%acts(1:2) = .true.
   call read_deck(trim(word(1)), run%d, faults)
   if (faults%count == 0) call build(run%d, s, faults)
   if (faults%count > 0) error stop 2, quiet=.true.

@@ -94,7 +94,7 @@ contains
     real(wp), intent(in) :: gap              !! distance up to which markers coincide [m]
     type(assembly_report), intent(inout) :: report
     type(failure), intent(inout) :: fail
-    character(:), allocatable :: text
+    character(:), allocatable :: text, told
     integer :: k
     do k = 1, self%s%joints
       associate (c => self%s%constraints(k)%item)
@@ -105,11 +105,10 @@ contains
     end do
     do k = 1, size(self%s%forces)
       associate (f => self%s%forces(k)%item)
-        text = f%fault(ev%p, gap)
+        call f%check(ev%p, gap, text, told)
         if (len(text) > 0 .and. report%culprit == 0) report%culprit = self%s%permanent + k
         if (len(text) > 0) call fail%raise(status_bad_input, trim(f%group)//' "'//trim(f%name)//'": '//text)
-        text = f%warning(ev%p)
-        if (len(text) > 0) call add_warning(report, trim(f%group)//' "'//trim(f%name)//'" '//text)
+        if (len(told) > 0) call add_warning(report, trim(f%group)//' "'//trim(f%name)//'" '//told)
       end associate
     end do
   end subroutine require_directions

@@ -66,7 +66,7 @@ contains
     end do
     do k = 1, self%s%acting
       associate (f => self%s%forces(k)%item)
-        call reach(f%ia, f%ib, f%acts_on(), 0.0_wp)
+        call reach(f%ia, f%ib, f%acts, 0.0_wp)
       end associate
     end do
     associate (body => self%s%bodies(b))

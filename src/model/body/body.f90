@@ -51,8 +51,8 @@ module body
     procedure(to_largest), deferred :: largest_force
     procedure(to_element), deferred :: element_strain
     procedure(to_tangent), deferred :: add_stiffness
-    procedure(to_displacement), deferred :: displacement
-    procedure(to_coordinates), deferred :: element_coordinates
+    procedure(to_values), deferred :: nodal_values
+    procedure :: element_coordinates
     procedure(to_marker), deferred :: attach
     procedure :: same => shares_nothing
   end type elastic_basis
@@ -174,25 +174,15 @@ module body
       type(triplet_matrix), intent(inout) :: segments(:)   !! (segments)
     end subroutine to_tangent
 
-    !> Displacement (u, v, rotation) of a node in body axes.
-    pure function to_displacement(self, b, node, q) result(u)
-      import :: elastic_basis, body_model, wp
+    !> Some of the nodal coordinates, in body axes.
+    pure subroutine to_values(self, n, at, q, a)
+      import :: elastic_basis, wp
       class(elastic_basis), intent(in) :: self
-      type(body_model), intent(in) :: b
-      integer, intent(in) :: node
+      integer, intent(in) :: n
+      integer, intent(in) :: at(n)                    !! their numbers, 0: removed
       real(wp), intent(in) :: q(:)                    !! (nf) elastic coordinates, their rates or accelerations [m, rad]
-      real(wp) :: u(3)                                !! [m, m, rad] or their rates
-    end function to_displacement
-
-    !> Coordinates of an element's ends, and of its cores, in body axes.
-    pure function to_coordinates(self, b, e, q) result(a)
-      import :: elastic_basis, body_model, wp
-      class(elastic_basis), intent(in) :: self
-      type(body_model), intent(in) :: b
-      integer, intent(in) :: e                        !! element
-      real(wp), intent(in) :: q(:)                    !! (nf) elastic coordinates, their rates or accelerations [m, rad]
-      real(wp) :: a(size(b%edof, 1))                  !! [m, rad]
-    end function to_coordinates
+      real(wp), intent(out) :: a(n)                   !! [m, rad] or their rates
+    end subroutine to_values
 
     !> Gives a marker on a node the coordinates or modes that move it.
     pure subroutine to_marker(self, b, p)
@@ -220,8 +210,18 @@ contains
     real(wp), intent(in) :: q(:)       !! (nf) elastic coordinates or their rates or accelerations [m, rad]
     real(wp) :: u(3)                   !! [m, m, rad] or their rates
     u = 0.0_wp
-    if (self%flexible) u = self%basis%displacement(self, node, q)
+    if (self%flexible) call self%basis%nodal_values(3, self%dof(1, node), q, u)
   end function node_displacement
+
+  !> Coordinates of an element's ends, and of its cores, in body axes.
+  pure function element_coordinates(self, b, e, q) result(a)
+    class(elastic_basis), intent(in) :: self
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: e           !! element
+    real(wp), intent(in) :: q(:)       !! (nf) elastic coordinates or their rates [m, rad]
+    real(wp) :: a(size(b%edof, 1))     !! [m, rad] or their rates
+    call self%nodal_values(size(a), b%edof(1, e), q, a)
+  end function element_coordinates
 
   !> Room for the evaluations of a flexible body.
   subroutine allocate_work(self, b)

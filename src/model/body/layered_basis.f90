@@ -2,9 +2,8 @@
 !> column of the deformations; the rows that one segment follows stand side by side.
 module layered_basis
   use kinds, only: wp
-  use banded, only: same_factor
   use beam_element, only: beam_geometry
-  use body, only: body_model, elastic_basis, elastic_work
+  use body, only: body_model, elastic_work
   use layered_element, only: layered_element_model, most_coordinates
   use nodal_basis, only: nodal_model, to_element
   implicit none (type, external)
@@ -17,7 +16,6 @@ module layered_basis
     procedure :: add_stress
     procedure :: strain_parts
     procedure :: element_strain
-    procedure :: same
   end type layered_model
 
 contains
@@ -178,15 +176,4 @@ contains
     real(wp), allocatable :: d(:)                   !! [m, rad]
     d = w%ds(1, b%layers%row(:size(b%layers%kinds(b%layers%kind(e))%stiffness), e))
   end function element_strain
-
-  !> Whether another body of equal layers has the same factor.
-  pure logical function same(self, other)
-    class(layered_model), intent(in) :: self
-    class(elastic_basis), intent(in) :: other
-    same = .false.
-    select type (other)
-    type is (layered_model)
-      same = same_factor(self%mff, other%mff)
-    end select
-  end function same
 end module layered_basis

@@ -20,8 +20,7 @@ module modal_basis
     procedure :: largest_force
     procedure :: element_strain
     procedure :: add_stiffness
-    procedure :: displacement
-    procedure :: element_coordinates
+    procedure :: nodal_values
     procedure :: attach
   end type modal_model
 
@@ -107,37 +106,21 @@ contains
     end do
   end subroutine add_stiffness
 
-  !> The displacement of a node: a sum over the modes.
-  pure function displacement(self, b, node, q) result(u)
+  !> Nodal coordinates: sums over the modes.
+  pure subroutine nodal_values(self, n, at, q, a)
     class(modal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: node
+    integer, intent(in) :: n
+    integer, intent(in) :: at(n)                    !! their numbers, 0: removed
     real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
-    real(wp) :: u(3)                                !! [m, m, rad]
-    integer :: k, c
-    u = 0.0_wp
-    do k = 1, b%nf
-      do c = 1, 3
-        u(c) = u(c) + self%psi(b%dof(c, node), k)*q(k)
-      end do
-    end do
-  end function displacement
-
-  !> The coordinates of an element: sums over the modes.
-  pure function element_coordinates(self, b, e, q) result(a)
-    class(modal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: e                        !! element
-    real(wp), intent(in) :: q(:)                    !! (nf) [kg^.5 m]
-    real(wp) :: a(size(b%edof, 1))                  !! [m, rad]
+    real(wp), intent(out) :: a(n)                   !! [m, rad]
     integer :: k, c
     a = 0.0_wp
-    do k = 1, b%nf
-      do c = 1, size(a)
-        a(c) = a(c) + self%psi(b%edof(c, e), k)*q(k)
+    do k = 1, size(q)
+      do c = 1, n
+        a(c) = a(c) + self%psi(at(c), k)*q(k)
       end do
     end do
-  end function element_coordinates
+  end subroutine nodal_values
 
   !> A marker moves by all modes.
   pure subroutine attach(self, b, p)

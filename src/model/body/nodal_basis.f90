@@ -25,8 +25,7 @@ module nodal_basis
     procedure :: largest_force
     procedure :: element_strain
     procedure :: add_stiffness
-    procedure :: displacement
-    procedure :: element_coordinates
+    procedure :: nodal_values
     procedure :: attach
     procedure :: same
   end type nodal_model
@@ -239,33 +238,22 @@ contains
     end do
   end subroutine add_stiffness
 
-  !> The displacement of a node: its own coordinates.
-  pure function displacement(self, b, node, q) result(u)
+  !> They are the coordinates.
+  pure subroutine nodal_values(self, n, at, q, a)
     class(nodal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: node
+    integer, intent(in) :: n
+    integer, intent(in) :: at(n)                    !! their numbers, 0: removed
     real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
-    real(wp) :: u(3)                                !! [m, m, rad]
+    real(wp), intent(out) :: a(n)                   !! [m, rad]
     integer :: k
-    u = 0.0_wp
-    do k = 1, 3
-      if (b%dof(k, node) > 0) u(k) = q(b%dof(k, node))
+    do k = 1, n
+      if (at(k) > 0) then
+        a(k) = q(at(k))
+      else
+        a(k) = 0.0_wp
+      end if
     end do
-  end function displacement
-
-  !> The coordinates of an element: its own.
-  pure function element_coordinates(self, b, e, q) result(a)
-    class(nodal_model), intent(in) :: self
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: e                        !! element
-    real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
-    real(wp) :: a(size(b%edof, 1))                  !! [m, rad]
-    integer :: k
-    a = 0.0_wp
-    do k = 1, size(a)
-      if (b%edof(k, e) > 0) a(k) = q(b%edof(k, e))
-    end do
-  end function element_coordinates
+  end subroutine nodal_values
 
   !> A marker moves by the coordinates of its node.
   pure subroutine attach(self, b, p)
@@ -281,8 +269,8 @@ contains
     class(elastic_basis), intent(in) :: other
     same = .false.
     select type (other)
-    type is (nodal_model)
-      same = same_factor(self%mff, other%mff)
+    class is (nodal_model)
+      if (same_type_as(self, other)) same = same_factor(self%mff, other%mff)
     end select
   end function same
 end module nodal_basis

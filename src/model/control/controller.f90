@@ -5,7 +5,7 @@
 !>
 !> so that all methods, the linearisation and the transfer function read the same coefficients. What is sampled changes at samples.
 module controller
-  use kinds, only: wp, pi
+  use kinds, only: wp
   use history, only: breakpoint, history_model
   use marker, only: marker_states
   use measure, only: measure_model, measured
@@ -14,11 +14,12 @@ module controller
   use step_counts, only: rounding_of
   implicit none (type, external)
   private
-  public :: delay_limit
 
   integer, parameter, public :: free = 0, at_upper = 1, at_lower = -1   !! states of one that is not sampled
   integer, parameter, public :: unset = -huge(1)  !! no state is kept: it follows from the motion
   integer, parameter :: order = 3                 !! of the Pade approximation of a delay
+  !> T omega up to which its phase errs by less than 5 degrees: x - 2 atan(x (1/2 - x^2/120)/(1 - x^2/10)) = 5 degrees [-]
+  real(wp), parameter, public :: delay_limit = 4.0473915374627_wp
   integer, parameter, public :: control_parts = 5 !! of w beside the states: y, y', r, r', 1
 
   !> A controller.
@@ -313,22 +314,4 @@ contains
     list = self%reference%breakpoints(until)
     if (abs(self%kd) > 0.0_wp .and. self%smooth == 0) list%order = max(0, list%order - 1)
   end function breakpoints
-
-  !> Frequency up to which the phase of a delay's approximation errs by less than 5 degrees: T omega is the least root of
-  !> omega - 2 atan(omega (1/2 - omega^2/120)/(1 - omega^2/10)) = 5 degrees.
-  pure real(wp) function delay_limit(delay) result(f)   ! [Hz]
-    real(wp), intent(in) :: delay             !! [s]
-    real(wp) :: low, high, x
-    low = 0.0_wp
-    high = 2*pi
-    do while (high - low > 1.0e-12_wp)
-      x = 0.5_wp*(low + high)
-      if (x - 2*atan2(x*(0.5_wp - x**2/120), 1 - x**2/10) < 5*pi/180) then
-        low = x
-      else
-        high = x
-      end if
-    end do
-    f = low/(2*pi*delay)
-  end function delay_limit
 end module controller

@@ -11,7 +11,7 @@ module force_element
   use small_matrices, only: outer
   implicit none (type, external)
   private
-  public :: by_position, most_roots, root_rounding, watched_roots
+  public :: append, by_position, most_roots, root_rounding, watched_roots
 
   integer, parameter, public :: stage_all = 0, stage_static = 1, stage_transient = 2
   integer, parameter, public :: stage_linear = 3   !! about a state that no static analysis has found: loads of all stages alone
@@ -49,6 +49,8 @@ module force_element
     character(8) :: group = 'force'       !! the deck's word after `&`, for messages
     integer :: ia = 0, ib = 0             !! markers a and b; the same where it acts on one
     logical :: angular = .false.          !! its deformation is an angle
+    logical :: acts(6) = .false.          !! whether it can act on x, y, section angle of marker a, then of b
+    logical :: along_line = .false.       !! it acts along the line between its markers, which turns
     logical :: in_frame = .false.         !! its force on a keeps its direction in the axes of a's body
     real(wp) :: stiffness = 0.0_wp        !! static, of its deformation; at most, if it varies [N/m] or [N m/rad]
     real(wp) :: damping = 0.0_wp          !! of the deformation's rate; at most, if it varies [N s/m] or [N m s/rad]
@@ -64,7 +66,6 @@ module force_element
   contains
     procedure :: product => elastic_product
     procedure(state_to_action), deferred :: act
-    procedure :: acts_on => measured_components   !! whether it can act on x, y, section angle of marker a, then of b
     procedure :: tangent => no_tangent
     procedure :: components => acting_components  !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
     procedure :: rate_components => damped_components !! of them, those whose rates it sees
@@ -77,10 +78,8 @@ module force_element
     procedure :: energy => no_energy
     procedure :: relax => keep_coordinates        !! internal variables of an element at rest
     procedure :: in_all_directions                !! it pulls its markers together in every direction
-    procedure :: along_line => never              !! it acts along the line between its markers, which turns
-    procedure :: init_from_assembly => nothing_from_assembly !! takes free lengths and angles from the assembled markers
-    procedure :: fault => no_fault                !! what is wrong with it as assembled; empty: nothing
-    procedure :: warning => no_warning            !! what is worth telling of it as assembled; empty: nothing
+    procedure :: init_from_assembly               !! takes free lengths and angles from the assembled markers
+    procedure :: check => no_check                !! what is wrong with it as assembled, what is worth telling
     procedure :: breakpoints => no_breakpoints    !! times at which its force is not smooth
     procedure :: roots => no_roots                !! what it watches in its present state
     procedure :: switch => no_switch              !! its state after an event, or where none has led to it
@@ -107,6 +106,20 @@ module force_element
   end interface
 
 contains
+
+  !> Appends an element to a list.
+  subroutine append(list, item)
+    type(force_box), allocatable, intent(inout) :: list(:)
+    class(force_model), allocatable, intent(inout) :: item
+    type(force_box), allocatable :: longer(:)
+    integer :: k
+    allocate (longer(size(list) + 1))
+    do k = 1, size(list)
+      call move_alloc(list(k)%item, longer(k)%item)
+    end do
+    call move_alloc(item, longer(k)%item)
+    call move_alloc(longer, list)
+  end subroutine append
 
   !> x k y of the static stiffness, which terms multiply; most elements have none [J].
   pure real(wp) function elastic_product(self, n, x, y) result(total)   ! [J]
@@ -146,18 +159,11 @@ contains
     k%k = k%k + damping*outer(now%g, matmul(h, self%measure%rates(p))) + force*h
   end subroutine tangent_along
 
-  !> What its measure depends on; kinds without one say it themselves.
-  pure function measured_components(self) result(yes)
-    class(force_model), intent(in) :: self
-    logical :: yes(6)
-    yes = self%measure%acts_on()
-  end function measured_components
-
   !> Most tangents join what the element acts on.
   pure function acting_components(self) result(list)
     class(force_model), intent(in) :: self
     integer, allocatable :: list(:)
-    list = listed(self%acts_on())
+    list = listed(self%acts)
   end function acting_components
 
   !> All of them, if it damps.
@@ -243,35 +249,23 @@ contains
     real(wp), intent(inout) :: z(*)         !! (nz) all internal variables [m, rad]
   end subroutine keep_coordinates
 
-  !> Most elements do not.
-  pure logical function never(self)
-    class(force_model), intent(in) :: self
-    never = .false.
-  end function never
-
-  !> Most elements take nothing from the assembled positions.
-  subroutine nothing_from_assembly(self, p, gap)
+  !> The datum of its measure.
+  subroutine init_from_assembly(self, p, gap)
     class(force_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap             !! distance up to which markers coincide [m]
-  end subroutine nothing_from_assembly
+    if (allocated(self%measure)) call self%measure%init_from_assembly(p, gap)
+  end subroutine init_from_assembly
 
   !> Most elements can act wherever their markers are.
-  pure function no_fault(self, p, gap) result(text)
+  pure subroutine no_check(self, p, gap, fault, warning)
     class(force_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap             !! distance up to which markers coincide [m]
-    character(:), allocatable :: text
-    text = ''
-  end function no_fault
-
-  !> Most elements begin as the deck says.
-  pure function no_warning(self, p) result(text)
-    class(force_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    character(:), allocatable :: text
-    text = ''
-  end function no_warning
+    character(:), allocatable, intent(out) :: fault, warning   !! empty: none
+    fault = ''
+    warning = ''
+  end subroutine no_check
 
   !> Most elements do not depend on time.
   pure function no_breakpoints(self, until) result(list)

@@ -26,43 +26,30 @@ module loads
 
   !> It acts by a force on its marker.
   type, extends(load_model), public :: point_force_model
-    real(wp) :: f(2) = 0.0_wp              !! [N]
+    real(wp) :: f(2) = 0.0_wp              !! in global axes, in those of the frame (in_frame), or of the section [N]
+    logical :: in_section = .false.        !! it keeps its direction in the section's axes
   contains
     procedure :: unit_wrench => point_wrench
-    procedure :: acts_on => point_acts_on
+    procedure :: unit_tangent => point_tangent
+    procedure :: components => point_components
   end type point_force_model
-
-  !> A force in the frame's axes; the builder sets in_frame.
-  type, extends(point_force_model), public :: body_force_model
-  contains
-    procedure :: unit_wrench => body_wrench
-  end type body_force_model
-
-  !> A force in the section's axes.
-  type, extends(point_force_model), public :: section_force_model
-  contains
-    procedure :: unit_wrench => section_wrench
-    procedure :: unit_tangent => section_tangent
-    procedure :: components => section_components
-  end type section_force_model
 
   !> A torque.
   type, extends(load_model), public :: torque_model
     real(wp) :: moment = 0.0_wp            !! [N m]
   contains
     procedure :: unit_wrench => torque_wrench
-    procedure :: acts_on => torque_acts_on
   end type torque_model
 
   !> A torque about a centre, which acts by a force on its marker; the arm makes the torque.
-  type, extends(point_force_model), public :: central_torque_model
+  type, extends(load_model), public :: central_torque_model
     real(wp) :: moment = 0.0_wp            !! [N m]
     real(wp) :: centre(2) = 0.0_wp         !! global [m]
   contains
     procedure :: unit_wrench => central_wrench
     procedure :: unit_tangent => central_tangent
-    procedure :: components => point_components
-    procedure :: fault => no_arm
+    procedure :: components => both_places
+    procedure :: check => needs_arm
   end type central_torque_model
 
 contains
@@ -156,68 +143,34 @@ contains
     if (any(self%stage == [stage_all, stage_transient])) list = self%history%breakpoints(until)
   end function load_breakpoints
 
-  !> It acts by a force on its marker.
-  pure function point_acts_on(self) result(yes)
-    class(point_force_model), intent(in) :: self
-    logical :: yes(6)
-    yes = [.true., .true., .false., .false., .false., .false.]
-  end function point_acts_on
-
-  !> The wrench: the force as the deck gives it.
+  !> The wrench: the force as the deck gives it, turned with the frame or the section.
   pure function point_wrench(self, p, with) result(w)
     class(point_force_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: w(3)                       !! [N, N m]
     w = [self%f, 0.0_wp]
+    if (self%in_frame) w(1:2) = with%axes(1)*self%f + with%axes(2)*turn(self%f)
+    if (self%in_section) w(1:2) = cos(p%angle(self%ia))*self%f + sin(p%angle(self%ia))*turn(self%f)
   end function point_wrench
 
-  !> The wrench: the force turned with the frame.
-  pure function body_wrench(self, p, with) result(w)
-    class(body_force_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
-    real(wp) :: w(3)                       !! [N, N m]
-    associate (c => with%axes(1), s => with%axes(2))
-      w = [c*self%f(1) - s*self%f(2), s*self%f(1) + c*self%f(2), 0.0_wp]
-    end associate
-  end function body_wrench
-
-  !> The wrench: the force turned with the section.
-  pure function section_wrench(self, p, with) result(w)
-    class(section_force_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
-    real(wp) :: w(3), c, s                 !! [N, N m]
-    c = cos(p%angle(self%ia))
-    s = sin(p%angle(self%ia))
-    w = [c*self%f(1) - s*self%f(2), s*self%f(1) + c*self%f(2), 0.0_wp]
-  end function section_wrench
-
-  !> It turns with the section's angle.
-  pure function section_tangent(self, p, with) result(k)
-    class(section_force_model), intent(in) :: self
+  !> A force in the section's axes turns with its angle.
+  pure function point_tangent(self, p, with) result(k)
+    class(point_force_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: k(3, 3), w(3)              !! [N/m, N]
     w = self%unit_wrench(p, with)
     k = 0.0_wp
-    k(1:2, 3) = -turn(w(1:2))
-  end function section_tangent
+    if (self%in_section) k(1:2, 3) = -turn(w(1:2))
+  end function point_tangent
 
   !> Its tangent joins the force and the angle of the section.
-  pure function section_components(self) result(list)
-    class(section_force_model), intent(in) :: self
+  pure function point_components(self) result(list)
+    class(point_force_model), intent(in) :: self
     integer, allocatable :: list(:)
-    list = [1, 2, 3]
-  end function section_components
-
-  !> It acts by a moment on its marker.
-  pure function torque_acts_on(self) result(yes)
-    class(torque_model), intent(in) :: self
-    logical :: yes(6)
-    yes = [.false., .false., .true., .false., .false., .false.]
-  end function torque_acts_on
+    list = pack([1, 2, 3], self%in_section)
+  end function point_components
 
   !> The wrench: the moment alone.
   pure function torque_wrench(self, p, with) result(w)
@@ -252,20 +205,21 @@ contains
   end function central_tangent
 
   !> Its tangent depends on the position.
-  pure function point_components(self) result(list)
+  pure function both_places(self) result(list)
     class(central_torque_model), intent(in) :: self
     integer, allocatable :: list(:)
     list = [1, 2]
-  end function point_components
+  end function both_places
 
-  !> A fault: the marker stands at the centre, so that there is no arm.
-  pure function no_arm(self, p, gap) result(text)
+  !> A marker at the centre is a fault: there is no arm.
+  pure subroutine needs_arm(self, p, gap, fault, warning)
     class(central_torque_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
-    character(:), allocatable :: text
-    text = ''
-    if (norm2(p%r(:, self%ia) - self%centre) <= gap) text = 'its marker is at the centre, where the torque has no arm; '// &
+    character(:), allocatable, intent(out) :: fault, warning
+    fault = ''
+    warning = ''
+    if (norm2(p%r(:, self%ia) - self%centre) <= gap) fault = 'its marker is at the centre, where the torque has no arm; '// &
       'expected them apart, or type=''torque'''
-  end function no_arm
+  end subroutine needs_arm
 end module loads

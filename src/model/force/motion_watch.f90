@@ -15,8 +15,6 @@ module motion_watch
   type, abstract, extends(piecewise_model), public :: watch_model
   contains
     procedure :: act => no_action
-    procedure :: acts_on => on_nothing
-    procedure :: init_from_assembly => watch_settle
   end type watch_model
 
   !> A history of its measure.
@@ -47,21 +45,6 @@ contains
     type(element_action), intent(inout) :: x
     x = element_action()
   end subroutine no_action
-
-  !> It acts on nothing.
-  pure function on_nothing(self) result(yes)
-    class(watch_model), intent(in) :: self
-    logical :: yes(6)
-    yes = .false.
-  end function on_nothing
-
-  !> The free length of a spring whose deformation it watches.
-  subroutine watch_settle(self, p, gap)
-    class(watch_model), intent(inout) :: self
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
-    call self%measure%init_from_assembly(p, gap)
-  end subroutine watch_settle
 
   !> Value and slope; where no load acts and the question is what holds at all, the steepest one.
   pure subroutine history_signal(self, p, with, h)

@@ -21,8 +21,7 @@ module springs
     procedure :: energy => spring_energy
     procedure :: relax => spring_relax
     procedure :: init_from_assembly => spring_from_assembly
-    procedure :: along_line => is_linear
-    procedure :: fault => no_direction
+    procedure :: check => needs_direction
     procedure :: unprestressed
     procedure :: present_stiffness
   end type spring_model
@@ -140,22 +139,17 @@ contains
     d = (1 - prestress)*self%assembled
   end function unprestressed
 
-  !> Its line turns with its markers.
-  pure logical function is_linear(self)
-    class(spring_model), intent(in) :: self
-    is_linear = self%measure%radial
-  end function is_linear
-
   !> A spring with a free length needs a direction.
-  pure function no_direction(self, p, gap) result(text)
+  pure subroutine needs_direction(self, p, gap, fault, warning)
     class(spring_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap            !! [m]
-    character(:), allocatable :: text
+    character(:), allocatable, intent(out) :: fault, warning
     type(measured) :: now
-    text = ''
+    fault = ''
+    warning = ''
     call self%measure%measure(p, now)
-    if (self%measure%radial .and. abs(self%measure%datum) > gap .and. now%x <= gap) text = 'its markers coincide, so that its '// &
+    if (self%measure%radial .and. abs(self%measure%datum) > gap .and. now%x <= gap) fault = 'its markers coincide, so that its '// &
       'force has no direction; expected markers apart, or free_length=0'
-  end function no_direction
+  end subroutine needs_direction
 end module springs

@@ -12,7 +12,7 @@
 !> Events lead from one to another. Where no state is kept, it follows from the position.
 !>
 !> A rigid stop does not yield: impacts make velocities jump (`impacts`), and while it is closed a constraint row of its own acts
-!> (`stop_row`). Its states: open; touching, that is closed; idle: it touches, but other rows already prevent its motion.
+!> (`stop_row`). Its states: open; touching, that is closed; unloaded: it touches, but other rows already prevent its motion.
 module stops
   use kinds, only: wp, pi
   use constraint, only: marker_stiffness
@@ -49,8 +49,7 @@ module stops
     procedure :: contact
     procedure :: slopes
     procedure :: damping_factor
-    procedure :: slowest
-    procedure :: example
+    procedure :: scaled
     procedure :: stiffness_at
     procedure :: impact_time
     procedure :: rest_time
@@ -59,15 +58,13 @@ module stops
     procedure :: rate_components => stop_rate_components
     procedure :: energy => stop_energy
     procedure :: init_from_assembly => stop_from_assembly
-    procedure :: fault => begins_impossibly
-    procedure :: warning => starts_beyond
+    procedure :: check => check_start
     procedure :: measured_text
     procedure :: row_force
     procedure :: roots => stop_roots
     procedure :: switch => stop_switch
     procedure :: state_word => stop_word
     procedure :: contact_force => stop_force      !! of a penetration and its rate
-    procedure :: contact_rates                    !! those of a mass on it
     procedure :: smoothness => power_of_time      !! power of the time with which its force begins and ends
   end type stop_model
 
@@ -165,19 +162,12 @@ contains
     if (self%rebound > 0.0_wp .and. with%event_value > 0.0_wp) chi = self%rebound/with%event_value
   end function present_damping
 
-  !> The floor of the speed at touching.
-  pure real(wp) function slowest(self)                 ! [m/s] or [rad/s]
+  !> A penetration, or its rate, that is stated in sizes or rad.
+  pure real(wp) function scaled(self, x)               ! [m] or [rad], and per second
     class(stop_model), intent(in) :: self
-    slowest = slowest_touch
-    if (.not. self%angular) slowest = slowest_touch*self%size
-  end function slowest
-
-  !> A penetration to state a stop by that is not touched.
-  pure real(wp) function example(self)                 ! [m] or [rad]
-    class(stop_model), intent(in) :: self
-    example = example_depth
-    if (.not. self%angular) example = example_depth*self%size
-  end function example
+    real(wp), intent(in) :: x              !! in sizes or rad, and per second [-]
+    scaled = x*merge(1.0_wp, self%size, self%angular)
+  end function scaled
 
   !> n K d^(n-1).
   pure real(wp) function stiffness_at(self, depth) result(k)   ! [N/m] or [N m/rad]
@@ -210,19 +200,6 @@ contains
     if (depth > 0.0_wp) time = pi*sqrt(mass/self%stiffness_at(depth))
   end function rest_time
 
-  !> Stiffness and damping against a mass on the stop.
-  pure subroutine contact_rates(self, with, mass, depth, rate, stiffness, damping)
-    class(stop_model), intent(in) :: self
-    type(conditions), intent(in) :: with
-    real(wp), intent(in) :: mass           !! [kg] or [kg m2]
-    real(wp), intent(in) :: depth          !! [m] or [rad]
-    real(wp), intent(in) :: rate           !! [m/s] or [rad/s]
-    real(wp), intent(out) :: stiffness     !! over the mass [1/s2]
-    real(wp), intent(out) :: damping       !! over the mass [1/s]
-    stiffness = self%stiffness_at(depth)*max(self%damping_factor(rate, with), 0.0_wp)/mass
-    damping = self%hardness*max(depth, 0.0_wp)**self%exponent*present_damping(self, with)/mass
-  end subroutine contact_rates
-
   !> The force against the penetration; what damping takes, or what a contact loses that lets go.
   pure subroutine stop_act(self, p, with, z, zd, zdd, x)
     class(stop_model), intent(in) :: self
@@ -254,12 +231,12 @@ contains
     if (with%state == stop_open) return
     call self%contact(p, with, c)
     if (with%state == bilateral) then
-      k%k = self%stiffness_at(self%example())*outer(c%g, c%g)
-      if (self%in_all_directions()) k%k = self%stiffness_at(self%example())*together
+      k%k = self%stiffness_at(self%scaled(example_depth))*outer(c%g, c%g)
+      if (self%in_all_directions()) k%k = self%stiffness_at(self%scaled(example_depth))*together
       return
     end if
     if (abs(c%state) /= stop_touching) return
-    call self%slopes(p, with, c, stiffness, damping)
+    call self%slopes(with, c%depth, c%rate, stiffness, damping)
     call self%tangent_along(p, part(1)*stiffness, part(2)*damping, c%side*c%force, k)
   end subroutine stop_tangent
 
@@ -270,18 +247,15 @@ contains
     list = self%components()
   end function stop_rate_components
 
-  !> Derivatives of the force by penetration and by its rate.
-  pure subroutine slopes(self, p, with, c, stiffness, damping)
+  !> Derivatives of the force of a stop that touches by penetration and by its rate.
+  pure subroutine slopes(self, with, depth, rate, stiffness, damping)
     class(stop_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
-    type(stop_contact), intent(in) :: c
+    real(wp), intent(in) :: depth          !! [m] or [rad]
+    real(wp), intent(in) :: rate           !! [m/s] or [rad/s]
     real(wp), intent(out) :: stiffness, damping   !! [N/m], [N s/m] or [N m/rad], [N m s/rad]
-    stiffness = 0.0_wp
-    damping = 0.0_wp
-    if (abs(c%state) /= stop_touching) return
-    stiffness = self%stiffness_at(c%depth)*self%damping_factor(c%rate, with)
-    damping = c%elastic*present_damping(self, with)
+    stiffness = self%stiffness_at(depth)*self%damping_factor(rate, with)
+    damping = self%hardness*max(depth, 0.0_wp)**self%exponent*present_damping(self, with)
   end subroutine slopes
 
   !> K d^(n+1)/(n+1) [J].
@@ -304,31 +278,22 @@ contains
     self%assembled = c%side*c%depth
   end subroutine stop_from_assembly
 
-  !> Limits that exclude the assembled position are reported with all values.
-  pure function starts_beyond(self, p) result(text)
-    class(stop_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    character(:), allocatable :: text
-    type(stop_contact) :: c
-    text = ''
-    call self%contact(p, conditions(), c)
-    if (self%rigid .or. .not. c%depth > root_rounding*self%size) return
-    text = 'begins beyond its limit: it '//self%measured_text(p)//', and it pushes with '// &
-           to_text(self%hardness*c%depth**self%exponent)//either(' N m', ' N', self%angular)
-  end function starts_beyond
-
-  !> A rigid one cannot begin there.
-  pure function begins_impossibly(self, p, gap) result(text)
+  !> Limits that exclude the assembled position are told with all values; a rigid stop cannot begin there.
+  pure subroutine check_start(self, p, gap, fault, warning)
     class(stop_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
-    character(:), allocatable :: text
+    character(:), allocatable, intent(out) :: fault, warning
     type(stop_contact) :: c
-    text = ''
+    fault = ''
+    warning = ''
     call self%contact(p, conditions(), c)
-    if (self%rigid .and. c%depth*merge(self%size, 1.0_wp, self%angular) > gap) text = 'it is rigid, and it begins beyond its '// &
+    if (self%rigid .and. c%depth*merge(self%size, 1.0_wp, self%angular) > gap) fault = 'it is rigid, and it begins beyond its '// &
       'limit: it '//self%measured_text(p)//'; expected bodies within the limits, or stiffness'
-  end function begins_impossibly
+    if (.not. self%rigid .and. c%depth > root_rounding*self%size) warning = 'begins beyond its limit: it '// &
+      self%measured_text(p)//', and it pushes with '//to_text(self%hardness*c%depth**self%exponent)// &
+      either(' N m', ' N', self%angular)
+  end subroutine check_start
 
   !> Its quantity beside its limits, as part of a sentence.
   pure function measured_text(self, p) result(text)
@@ -417,7 +382,7 @@ contains
       call self%measure%measure(p, now)
       side = merge(1, -1, which == 1)
       state = side*stop_touching
-      event_value = max(side*now%rate, self%slowest())
+      event_value = max(side*now%rate, self%scaled(slowest_touch))
     else if (which == 1) then
       state = stop_open
       event_value = 0.0_wp
@@ -450,7 +415,7 @@ contains
     if (c%depth <= watched%zero(1) .and. c%rate < 0.0_wp) then
       state = stop_open
     else
-      event_value = max(c%rate, self%slowest())
+      event_value = max(c%rate, self%scaled(slowest_touch))
       unknown%event_value = event_value
       if (self%damping_factor(c%rate, unknown) < 0.0_wp) state = sign(stop_let_go, state)
     end if
@@ -490,7 +455,7 @@ contains
     character(:), allocatable :: word
     word = 'upper'
     if (state < 0) word = 'lower'
-    if (abs(state) == stop_let_go) word = word//either('_idle', '_free', self%rigid)
+    if (abs(state) == stop_let_go) word = word//either('_unloaded', '_free', self%rigid)
     if (abs(state) == stop_rebound) word = word//'_rebound'
     if (state == stop_open) word = 'open'
   end function stop_word

@@ -10,6 +10,8 @@ module constraint
   implicit none (type, external)
   private
 
+  integer, parameter :: most_rows = 3     !! of a joint: a weld holds everything
+
   !> Rows of all constraints, as arrays: zero but for what a constraint sets.
   type, public :: constraint_rows
     real(wp), allocatable :: na(:, :)     !! (2, n) gradient with respect to the position of marker a [-]
@@ -100,17 +102,11 @@ contains
     class(measure_model), intent(in) :: x
     real(wp), intent(in), optional :: datum       !! 0, where it is not given [m] or [rad]
     logical, intent(in), optional :: pending      !! the datum follows from the assembled markers
-    type(measure_box), allocatable :: all(:)
-    integer :: k
-    allocate (all(self%rows + 1))
-    do k = 1, self%rows
-      call move_alloc(self%measures(k)%item, all(k)%item)
-    end do
+    if (.not. allocated(self%measures)) allocate (self%measures(most_rows))
     self%rows = self%rows + 1
-    allocate (all(self%rows)%item, source=x)
-    if (present(datum)) all(self%rows)%item%datum = datum
-    if (present(pending)) all(self%rows)%item%pending = pending
-    call move_alloc(all, self%measures)
+    allocate (self%measures(self%rows)%item, source=x)
+    if (present(datum)) self%measures(self%rows)%item%datum = datum
+    if (present(pending)) self%measures(self%rows)%item%pending = pending
     self%angular = self%measures(1)%item%angular
   end subroutine hold
 
@@ -197,7 +193,7 @@ contains
     integer :: k
     yes = .false.
     do k = 1, self%rows
-      yes = yes .or. self%measures(k)%item%acts_on()
+      yes = yes .or. self%measures(k)%item%acts
     end do
   end function acts_on
 
@@ -209,7 +205,7 @@ contains
     integer :: k
     bent = .false.
     do k = 1, self%rows
-      if (.not. self%measures(k)%item%straight) bent = bent .or. self%measures(k)%item%acts_on()
+      if (.not. self%measures(k)%item%straight) bent = bent .or. self%measures(k)%item%acts
     end do
     list = listed(bent)
   end function components

@@ -1,10 +1,10 @@
-!> The tangential row of a joint with dry friction: the relative angle of the sections of a pin, the travel along the line of a
+!> The tangential row of a joint with dry friction: the relative angle of the sections of a pin, the position along the line of a
 !> slider or prismatic joint. Where the joint sticks, the row holds and its multiplier is the friction; where it slips, the row is
 !> off and its multiplier is what `friction_law` says.
 module friction_row
   use kinds, only: wp
   use constraint, only: constraint_model, row_motion
-  use friction_law, only: coulomb_law, most_pads, row_stuck, row_slips
+  use friction_law, only: coulomb_law, most_pads, row_at_limit, row_stuck, row_slips
   use root_watch, only: watched_roots, resting, root_rounding
   implicit none (type, external)
   private
@@ -84,8 +84,10 @@ contains
       word = 'forward'
     case (-row_slips)
       word = 'backward'
+    case (row_at_limit, -row_at_limit)
+      word = 'at_limit'
     case default
-      word = 'carried'
+      word = 'unloaded'
     end select
   end function friction_word
 end module friction_row

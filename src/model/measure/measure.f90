@@ -33,9 +33,9 @@ module measure
     real(wp) :: datum = 0.0_wp             !! what is taken off x: an angle that a joint keeps, a free length [m] or [rad]
     logical :: pending = .false.           !! the datum is not known yet: it follows from the assembled markers
     real(wp) :: carrier = 0.0_wp           !! gradient by the section angle of the carrier, which only joints have [-]
+    logical :: acts(6) = .false.           !! whether x depends on x, y, section angle of a, then of b
   contains
     procedure(measure_motion), deferred :: measure
-    procedure(list_components), deferred :: acts_on   !! whether x depends on x, y, section angle of a, then of b
     procedure :: curvature => no_curvature
     procedure :: init_from_assembly
     procedure :: in_all_directions
@@ -54,13 +54,6 @@ module measure
       type(marker_states), intent(in) :: p
       type(measured), intent(out) :: now
     end subroutine measure_motion
-
-    !> Components of the markers on which x depends.
-    pure function list_components(self) result(yes)
-      import :: measure_model
-      class(measure_model), intent(in) :: self
-      logical :: yes(6)
-    end function list_components
   end interface
 
   !> Makes an array of different kinds possible.

@@ -12,7 +12,6 @@ module measures
     integer :: component = 1               !! 1: x, 2: y, 3: angle
   contains
     procedure :: measure => difference_motion
-    procedure :: acts_on => one_of_each
   end type difference_measure
 
   !> (angle_a - angle_c) - ratio (angle_b - angle_c): turns of a and b from a carrier c, as gears join them.
@@ -20,7 +19,6 @@ module measures
     real(wp) :: ratio = 1.0_wp             !! turns of a for one of b [-]
   contains
     procedure :: measure => turns_motion
-    procedure :: acts_on => both_angles
   end type turns_measure
 
   !> |r_a - r_b|.
@@ -29,7 +27,6 @@ module measures
     logical :: along_x = .false.           !! where the markers coincide its direction is x; else it has none there
   contains
     procedure :: measure => distance_motion
-    procedure :: acts_on => both_places
     procedure :: curvature => circle_curvature
   end type distance_measure
 
@@ -39,7 +36,6 @@ module measures
     real(wp) :: normal(2) = [1.0_wp, 0.0_wp]   !! n where b is on the ground [-]
   contains
     procedure :: measure => line_motion
-    procedure :: acts_on => line_components
     procedure :: curvature => line_curvature
   end type line_measure
 
@@ -48,7 +44,6 @@ module measures
   type, extends(line_measure), public :: elastic_measure
   contains
     procedure :: measure => elastic_motion
-    procedure :: acts_on => both_places_of_axis
   end type elastic_measure
 
 contains
@@ -59,6 +54,7 @@ contains
     difference%component = component
     difference%angular = component == 3
     difference%straight = .true.
+    difference%acts([component, 3 + component]) = .true.
   end function difference
 
   !> What a gear holds, a set of two planetary wheels with a carrier.
@@ -68,12 +64,14 @@ contains
     turns%carrier = ratio - 1.0_wp
     turns%angular = .true.
     turns%straight = .true.
+    turns%acts([3, 6]) = .true.
   end function turns
 
   !> |r_a - r_b|, of a pin in a hole with its radial gap: there it has a direction wherever the pin is.
   pure type(distance_measure) function distance(gap)
     real(wp), intent(in), optional :: gap  !! [m]
     distance%radial = .true.
+    distance%acts([1, 2, 4, 5]) = .true.
     distance%along_x = present(gap)
     if (present(gap)) distance%least = 0.5_wp*gap
   end function distance
@@ -85,6 +83,7 @@ contains
     line%direction = direction
     line%normal = [cos(direction), sin(direction)]
     line%straight = fixed
+    line%acts = [.true., .true., .false., .true., .true., .true.]
   end function line
 
   !> One of x, y, angle.
@@ -107,14 +106,6 @@ contains
     end associate
   end subroutine difference_motion
 
-  !> One component of both markers.
-  pure function one_of_each(self) result(yes)
-    class(difference_measure), intent(in) :: self
-    logical :: yes(6)
-    yes = .false.
-    yes([self%component, 3 + self%component]) = .true.
-  end function one_of_each
-
   !> Both turns from the carrier.
   pure subroutine turns_motion(self, p, now)
     class(turns_measure), intent(in) :: self
@@ -127,13 +118,6 @@ contains
     now%g = [0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp, -self%ratio]
     now%bias = 0.0_wp
   end subroutine turns_motion
-
-  !> The angles of both sections.
-  pure function both_angles(self) result(yes)
-    class(turns_measure), intent(in) :: self
-    logical :: yes(6)
-    yes = [.false., .false., .true., .false., .false., .true.]
-  end function both_angles
 
   !> |r_a - r_b|, with the direction from b to a.
   pure subroutine distance_motion(self, p, now)
@@ -153,13 +137,6 @@ contains
     now%g = [e, 0.0_wp, -e, 0.0_wp]
     now%bias = (e(1)*u(2) - e(2)*u(1))**2/max(now%x, self%least)
   end subroutine distance_motion
-
-  !> The positions of both markers.
-  pure function both_places(self) result(yes)
-    class(distance_measure), intent(in) :: self
-    logical :: yes(6)
-    yes = [.true., .true., .false., .true., .true., .false.]
-  end function both_places
 
   !> The direction turns, 1/x across it.
   pure subroutine circle_curvature(self, p, h)
@@ -194,13 +171,6 @@ contains
     end associate
   end subroutine line_motion
 
-  !> Positions, and the angle of the section that carries the line.
-  pure function line_components(self) result(yes)
-    class(line_measure), intent(in) :: self
-    logical :: yes(6)
-    yes = [.true., .true., .false., .true., .true., .true.]
-  end function line_components
-
   !> The line turns with section b.
   pure subroutine line_curvature(self, p, h)
     class(line_measure), intent(in) :: self
@@ -226,11 +196,4 @@ contains
     now%rate = now%rate - now%g(6)*p%rate(self%ib)   ! g(6) is rounding: a is displaced along n
     now%g(6) = 0.0_wp
   end subroutine elastic_motion
-
-  !> Positions alone: a lies on the line through b.
-  pure function both_places_of_axis(self) result(yes)
-    class(elastic_measure), intent(in) :: self
-    logical :: yes(6)
-    yes = [.true., .true., .false., .true., .true., .false.]
-  end function both_places_of_axis
 end module measures

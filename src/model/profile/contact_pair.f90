@@ -27,7 +27,6 @@ module contact_pair
     logical :: by_angle = .false.          !! what it measures is the argument of the law where it touches
   contains
     procedure :: measure => pair_motion
-    procedure :: acts_on => pair_components
     procedure :: curvature => pair_curvature
     procedure :: touching
   end type pair_measure
@@ -117,13 +116,6 @@ contains
     now%x = at%angle
     now%rate = at%advance*dot_product(at%w, self%rates(p))
   end subroutine pair_motion
-
-  !> Positions, and the angles of sections that carry something that is not round.
-  pure function pair_components(self) result(yes)
-    class(pair_measure), intent(in) :: self
-    logical :: yes(6)
-    yes = [.true., .true., self%flat, .true., .true., .not. self%profile%round]
-  end function pair_components
 
   !> The normal turns with a section and about the profile.
   pure subroutine pair_curvature(self, p, h)

@@ -5,26 +5,26 @@ module energy_sensors
   use evaluation_results, only: power_of
   use kinds, only: wp
   use scene_model, only: power_source
-  use sensor, only: nonlinear_sensor, observation
+  use sensor, only: observation, sensor_model
   implicit none (type, external)
   private
 
   !> Power that a drive, force or spring puts into the mechanism, or that a joint passes to its body a.
-  type, extends(nonlinear_sensor), public :: power_sensor_model
+  type, extends(sensor_model), public :: power_sensor_model
     type(power_source) :: source
   contains
     procedure :: read => read_power
   end type power_sensor_model
 
   !> Its integral, the work.
-  type, extends(nonlinear_sensor), public :: work_sensor_model
+  type, extends(sensor_model), public :: work_sensor_model
     integer :: integral = 0                   !! its number among those of sensors
   contains
     procedure :: read => read_work
   end type work_sensor_model
 
   !> A body's kinetic energy, what its deformation stores, viscoelastic terms included, and what its materials have dissipated.
-  type, extends(nonlinear_sensor), public :: energy_sensor_model
+  type, extends(sensor_model), public :: energy_sensor_model
     integer :: integral = 0                   !! of the dissipated power: its number among those of sensors
   contains
     procedure :: read => read_energy

@@ -91,7 +91,9 @@ contains
     class is (stop_model)
       with = conditions_of(at%m, at%ev, self%element)
       call f%contact(at%ev%p, with, c)
-      call f%slopes(at%ev%p, with, c, stiffness, damping)
+      stiffness = 0.0_wp
+      damping = 0.0_wp
+      if (abs(c%state) == stop_touching) call f%slopes(with, c%depth, c%rate, stiffness, damping)
       u = pair_motion(at, f%ia, f%ib, motion%x)
       depth = sum(c%g*u)
       x(1) = stiffness*depth + damping*(motion%s*depth + c%side*sum(f%measure%turning(at%ev%p)*u))

@@ -5,7 +5,7 @@ module section_sensors
   use kinds, only: wp
   use body, only: body_model
   use element_law, only: forces_of, row_damping, row_materials, rows_of
-  use sensor, only: nonlinear_sensor, observation, sensor_model, harmonic_motion
+  use sensor, only: observation, sensor_model, harmonic_motion
   implicit none (type, external)
   private
   public :: present_rows, row_amplitudes
@@ -19,7 +19,7 @@ module section_sensors
   end type section_sensor_model
 
   !> A body's largest stress over the elements whose sections have a shape, and its place: the element and its node.
-  type, extends(nonlinear_sensor), public :: stress_sensor_model
+  type, extends(sensor_model), public :: stress_sensor_model
   contains
     procedure :: read => read_stress
   end type stress_sensor_model

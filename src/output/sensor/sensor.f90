@@ -32,14 +32,8 @@ module sensor
     integer :: number = 0                     !! of that marker among those of all sensors
   contains
     procedure(values_at), deferred :: read
-    procedure(amplitudes_of), deferred :: respond
-  end type sensor_model
-
-  !> A sensor of what has no linear response, such as a product. Decks with a frequency response may not have one.
-  type, abstract, extends(sensor_model), public :: nonlinear_sensor
-  contains
     procedure :: respond => no_amplitude
-  end type nonlinear_sensor
+  end type sensor_model
 
   !> Makes an array of different kinds possible.
   type, public :: sensor_box
@@ -54,24 +48,17 @@ module sensor
       type(observation), intent(in) :: at
       real(wp), intent(inout) :: x(:)         !! from its first column on [the columns' units]
     end subroutine values_at
-    !> Amplitudes of the columns about that state, vectors in global axes.
-    subroutine amplitudes_of(self, at, motion, x)
-      import :: sensor_model, observation, harmonic_motion, wp
-      class(sensor_model), intent(in) :: self
-      type(observation), intent(in) :: at
-      type(harmonic_motion), intent(in) :: motion
-      complex(wp), intent(inout) :: x(:)      !! from its first column on [the columns' units]
-    end subroutine amplitudes_of
   end interface
 
 contains
 
-  !> Never asked for.
+  !> Amplitudes of the columns about that state, vectors in global axes. Of what has no linear response, such as a product, nobody
+  !> asks for them: decks with a frequency response may not have it.
   subroutine no_amplitude(self, at, motion, x)
-    class(nonlinear_sensor), intent(in) :: self
+    class(sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
-    complex(wp), intent(inout) :: x(:)        !! [the columns' units]
+    complex(wp), intent(inout) :: x(:)        !! from its first column on [the columns' units]
     x = 0.0_wp
   end subroutine no_amplitude
 

@@ -93,9 +93,9 @@ contains
         end if
         do j = 1, f%motions
           associate (x => f%arguments(j)%item)
-            call add_law(from_argument, k, [f%ia, f%ib], listed(f%acts_on()), [x%ia, x%ib], listed(x%acts_on()))
+            call add_law(from_argument, k, [f%ia, f%ib], listed(f%acts), [x%ia, x%ib], listed(x%acts))
             all(n)%argument = j
-            if (x%rate) call add_rates(all(n), [x%ia, x%ib], listed(x%acts_on()))
+            if (x%rate) call add_rates(all(n), [x%ia, x%ib], listed(x%acts))
           end associate
         end do
       end associate

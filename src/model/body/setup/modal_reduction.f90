@@ -32,14 +32,14 @@ contains
     if (size(loads) > 0) call add_static_shapes(b, loads, x, w, bad)
     if (bad) return
     call project_integrals(b, x, w)
-    call set_basis(b, with_zero_row(x), w, size(w) - modes)
+    call set_basis(b, x, w, size(w) - modes)
     b%nf = size(w)
   end subroutine reduce_to_modes
 
   !> The basis, and what others ask about it.
-  pure subroutine set_basis(b, psi, w, static_shapes)
+  pure subroutine set_basis(b, x, w, static_shapes)
     type(body_model), intent(inout) :: b
-    real(wp), intent(in) :: psi(0:, :)                  !! (0:nodal, modes) nodal coordinates [m or rad, over kg^.5 m]
+    real(wp), intent(in) :: x(:, :)                     !! (nodal, modes) nodal coordinates [m or rad, over kg^.5 m]
     real(wp), intent(in) :: w(:)                        !! (modes) squared frequencies [rad2/s2]
     integer, intent(in) :: static_shapes                !! how many of them are such
     type(modal_model) :: modal
@@ -48,7 +48,9 @@ contains
     modal%static_shapes = static_shapes
     modal%unit = 1/sqrt(b%mass)
     modal%rotation = [(.false., k=1, size(w))]
-    modal%reach = maxval(abs(psi), 1)
+    modal%reach = maxval(abs(x), 1)
+    allocate (modal%psi(0:b%nf, size(w)), source=0.0_wp)
+    modal%psi(1:, :) = x
     modal%rows = size(w)
     modal%angle = modal%rotation
     modal%columns = size(b%segments)
@@ -56,11 +58,10 @@ contains
     k = size(w)
     if (size(b%dof, 1) > 3) k = k - static_shapes   ! those of cores are no vibrations
     do k = k, 2, -1                   ! a straight body moves across its axis rather than along it
-      if (norm2(psi(b%dof(2, :), k)) >= norm2(psi(b%dof(1, :), k))) exit
+      if (norm2(modal%psi(b%dof(2, :), k)) >= norm2(modal%psi(b%dof(1, :), k))) exit
       if (any(abs(b%x(2, :) - b%x(2, 1)) > 1.0e-9_wp*b%length)) exit
     end do
     modal%highest_bending = sqrt(max(w(k), 0.0_wp))
-    allocate (modal%psi, source=psi)
     modal%omega2 = w
     allocate (b%basis, source=modal)
   end subroutine set_basis
@@ -195,12 +196,4 @@ contains
       y(:, j) = matmul(ax, x)
     end do
   end function projected
-
-  !> Columns of nodal coordinates, with a row of zeros for those that are not there.
-  pure function with_zero_row(x) result(psi)
-    real(wp), intent(in) :: x(:, :)   !! (nf, columns) [m, rad, or modes]
-    real(wp) :: psi(0:size(x, 1), size(x, 2))
-    psi(0, :) = 0.0_wp
-    psi(1:, :) = x
-  end function with_zero_row
 end module modal_reduction
