@@ -80,8 +80,8 @@ contains
     end subroutine check_ends
   end subroutine read_history
 
-  !> Two lists of equal length, of the open group or from columns of its file, which keeps the path in which it was found. Size 0: it
-  !> could not be read.
+  !> Two lists of equal length, of the open group or from columns of its file, which keeps the path in which it was found. Size 0:
+  !> they could not be read.
   subroutine read_lists(deck, from, first, second, file, columns, x, y, found)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: from                   !! the deck's file, to which the path is relative

@@ -5,7 +5,7 @@ module layer_sensors
   use body, only: body_model
   use body_energy, only: layer_energy
   use section_sensors, only: present_rows, row_amplitudes
-  use sensor, only: harmonic_motion, nonlinear_sensor, observation, sensor_model
+  use sensor, only: harmonic_motion, observation, sensor_model
   implicit none (type, external)
   private
 
@@ -20,7 +20,7 @@ module layer_sensors
   end type layer_sensor_model
 
   !> What a layer of a body stores, its viscoelastic terms included, and what those have dissipated.
-  type, extends(nonlinear_sensor), public :: layer_energy_model
+  type, extends(sensor_model), public :: layer_energy_model
     integer :: layer = 0
   contains
     procedure :: read => read_energy
