@@ -2,12 +2,14 @@
 !> tangent DECK STEP SPECTRAL_RADIUS SEED. A random state near the assembled one, the exact elastic blocks, the correction
 !> dq, dlambda of one iteration; printed: the largest component of (finite-difference tangent times correction + residual)
 !> relative to the largest component of the residual's own parts, for bodies and for constraints.
+!> Joints and stops with friction slip, with an even SEED they stick.
 !> tangent DECK STEP SPECTRAL_RADIUS march TIMES INTERVAL: fixed steps, and at TIMES multiples of INTERVAL the method's own
 !> variables: q, v, accelerations v', multipliers.
 program tangent
   use kinds, only: wp
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list
+  use friction_law, only: row_slips, row_stuck
   use generalized_alpha, only: chung_hulbert
   use alpha_newton, only: solve_trial, take_trial, find_offsets
   use alpha_start, only: start_method
@@ -39,6 +41,9 @@ program tangent
   call run%sys%start_implicit(.false.)
   call set_up_alpha(solver, run%sys, chung_hulbert(rho))
   call start_method(solver, run%sys, 0.0_wp, h, run%y)
+  associate (s => run%sys%m%s, states => run%sys%ev%switches%state)
+    if (word(4) /= 'march') states(size(s%switching) + 1:s%elements) = merge(row_slips, row_stuck, mod(seed, 2) == 1)
+  end associate
   if (word(4) == 'march') then
     call march()
   else

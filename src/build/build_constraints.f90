@@ -4,13 +4,15 @@ module build_constraints
   use build_history, only: make_history
   use build_profiles, only: make_pair
   use constraint, only: constraint_model
-  use deck_records, only: deck, joint_record, drive_record
+  use contact_pair, only: pair_measure
+  use deck_records, only: deck, joint_record, drive_record, stop_record
   use errors, only: fault_list
-  use friction_law, only: coulomb_law, on_pin, on_line, on_pads
+  use friction_law, only: coulomb_law, on_pin, on_line, on_pads, on_stop
   use friction_row, only: friction_model
   use history, only: history_model, breakpoint
   use measure, only: measure_model
   use measures, only: difference, distance, line, turns
+  use pair_slip_measure, only: pair_slip, pin_in_hole
   use scene_model, only: scene
   use text, only: either, short_text
   implicit none (type, external)
@@ -26,12 +28,14 @@ contains
     type(deck), intent(in) :: d
     type(scene), intent(inout) :: s
     type(fault_list), intent(inout) :: faults
-    logical :: rubs(size(d%joints))
+    logical :: rubs(size(d%joints)), scrapes(size(d%stops))
     integer :: k, n
     rubs = max(d%joints%friction, d%joints%friction_static, d%joints%preload, d%joints%preload_static) > 0.0_wp
+    scrapes = max(d%stops%friction, d%stops%friction_static) > 0.0_wp
     s%joints = size(d%joints)
     s%permanent = s%joints + size(d%drives)
-    allocate (s%friction(count(rubs)), s%constraints(s%permanent + count(rubs)))
+    n = count(rubs) + count(scrapes)
+    allocate (s%friction(n), s%constraints(s%permanent + n))
     do k = 1, s%permanent
       if (k <= s%joints) then
         call make_joint(d%joints(k), s%constraints(k)%item)
@@ -44,6 +48,11 @@ contains
       if (.not. rubs(k)) cycle
       n = n + 1
       call make_friction(d%joints(k), k, s%constraints(n)%item)
+    end do
+    do k = 1, size(d%stops)
+      if (.not. scrapes(k)) cycle
+      n = n + 1
+      call make_stop_friction(d%stops(k), s%permanent + size(d%springs) + size(d%forces) + k, s%constraints(n)%item)
     end do
   contains
     !> The factory of joints: the deck's word into the kind.
@@ -78,6 +87,7 @@ contains
       integer, intent(in) :: joint
       class(constraint_model), allocatable, intent(out) :: item
       type(coulomb_law) :: law
+      type(pair_slip) :: slip
       law = coulomb_law(on_line, r%friction, max(r%friction, r%friction_static), r%preload, max(r%preload, r%preload_static), &
                         r%pin_radius, r%pad_distance)
       if (r%type == 'revolute') law%contact = on_pin
@@ -85,11 +95,32 @@ contains
       item = friction_model(law=law, parent=joint)
       if (r%type == 'revolute') then
         call item%hold(difference(3))
+      else if (r%type == 'profile') then
+        slip%acts = .true.
+        call item%hold(slip)
       else
         call item%hold(line(r%direction, r%b%body == 0))
       end if
       item%name = r%name
     end subroutine make_friction
+
+    !> The tangential row of a stop that yields: along the profile, of the surface of a pin in its hole, along the line on which a
+    !> position stands.
+    subroutine make_stop_friction(r, parent, item)
+      type(stop_record), intent(in) :: r
+      integer, intent(in) :: parent
+      class(constraint_model), allocatable, intent(out) :: item
+      type(pair_slip) :: slip
+      item = friction_model(law=coulomb_law(on_stop, r%friction, max(r%friction, r%friction_static)), parent=parent)
+      if (r%type == 'position') then
+        call item%hold(line(r%direction + pi/2, r%b%body == 0))
+      else
+        if (r%type == 'clearance') slip%pair_measure = pin_in_hole(r%pin_radius, r%upper)
+        slip%acts = .true.
+        call item%hold(slip)
+      end if
+      item%name = r%name
+    end subroutine make_stop_friction
 
     !> Angle of a body in the deck, 0 for the ground [rad].
     pure function deck_angle(k) result(angle)
@@ -139,23 +170,48 @@ contains
     end subroutine check_smooth
   end subroutine make_constraints
 
-  !> Gives tangential rows the markers and the rows of their joints, and their laws to the scene.
+  !> Gives tangential rows the markers and the rows of their joints, or the markers of their stops, and their laws to the scene.
   subroutine place_friction(s)
-    type(scene), intent(inout) :: s               !! joints are placed
+    type(scene), intent(inout) :: s               !! joints and stops are placed
     integer :: k
     do k = 1, size(s%friction)
       select type (c => s%constraints(s%permanent + k)%item)
       class is (friction_model)
-        associate (joint => s%constraints(c%parent)%item, law => c%law)
-          call c%attach(joint%ia, joint%ib, 0)
+        associate (law => c%law)
           law%size = s%size
           law%row = c%first
-          law%first = joint%first
-          law%rows = joint%rows
           law%number = c%switch_number
+          if (c%parent > s%permanent) then
+            law%element = c%parent - s%permanent
+            associate (stop => s%forces(law%element)%item)
+              call follow(c%measures(1)%item, stop%measure)
+              call c%attach(stop%ia, stop%ib, 0)
+            end associate
+          else
+            associate (joint => s%constraints(c%parent)%item)
+              law%first = joint%first
+              law%rows = joint%rows
+              call follow(c%measures(1)%item, joint%measures(1)%item)
+              call c%attach(joint%ia, joint%ib, 0)
+            end associate
+          end if
           s%friction(k) = law
         end associate
       end select
     end do
   end subroutine place_friction
+
+  !> Slip along a profile is that of the pair whose gap is given.
+  subroutine follow(slip, gap)
+    class(measure_model), intent(inout) :: slip
+    class(measure_model), intent(in) :: gap
+    select type (slip)
+    class is (pair_slip)
+      select type (gap)
+      class is (pair_measure)
+        slip%pair_measure = gap
+      end select
+      call slip%go_round()
+    end select
+  end subroutine follow
 end module build_constraints

@@ -118,11 +118,25 @@ contains
       call make_history(d, r%history, once)
       call check_law(r, once, faults)
       call by_turns(once, merge(2, 3, d%transient%adaptive .or. d%transient%method == 'generalized_alpha'), law%law)
-      if (faults%count == before) call law%cut([(2*pi*k/arcs, k=0, arcs)])
+      if (faults%count == before) then
+        call law%cut([(2*pi*k/arcs, k=0, arcs)])
+        call law%set_marks(ascending([(2*pi*k/arcs, k=0, arcs)], modulo(law%sense*law%law%breaks%time, 2*pi)))
+      end if
       call move_alloc(law, item)
     end select
     item%name = r%name
   end subroutine make_profile
+
+  !> Ascending numbers, and others between them.
+  pure function ascending(u, others) result(list)
+    real(wp), intent(in) :: u(:), others(:)           !! [rad]
+    real(wp), allocatable :: list(:)                  ! [rad]
+    integer :: k
+    list = u
+    do k = 1, size(others)
+      list = [pack(list, list < others(k)), others(k), pack(list, list > others(k))]
+    end do
+  end function ascending
 
   !> A law that goes on for ever, with its corners. With fixed steps of a higher order those of the third derivative count as well;
   !> else they are left to an error that is controlled, as those between the points of a table, which are too many for events.
@@ -201,6 +215,7 @@ contains
     call coordinate(x, curve%x)
     call coordinate(y, curve%y)
     call curve%cut(u)
+    call curve%set_marks(u)
     call move_alloc(curve, item)
   contains
     !> One coordinate over the length of the chords.

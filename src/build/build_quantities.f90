@@ -95,10 +95,10 @@ contains
     if (r%joint > 0) source%joint = [r%joint, friction_of(s, r%joint)]
   end function source_of
 
-  !> The constraint that is a joint's friction; none where it has none.
+  !> The constraint that is the friction of a joint or stop; none where it has none.
   pure function friction_of(s, joint) result(row)
     type(scene), intent(in) :: s
-    integer, intent(in) :: joint                 !! its number, 0: no joint
+    integer, intent(in) :: joint                 !! its number, of stops behind those of constraints; 0: no joint
     integer, allocatable :: row(:)
     integer :: k
     row = [(s%permanent + k, k=1, size(s%friction))]

@@ -77,7 +77,6 @@ contains
         if (k <= s%permanent) s%permanent_rows = s%rows
       end associate
     end do
-    call place_friction(s)
     call list_integrated(d, s)
     do k = 1, s%acting
       associate (f => s%forces(k)%item, pair => acting(:, s%permanent + k)%marker)
@@ -91,6 +90,7 @@ contains
         f%size = s%size
       end associate
     end do
+    call place_friction(s)
     call place_stop_rows(s)
     call place_watches(d, s, watched, markers)
     call place_controllers(d, s, markers)

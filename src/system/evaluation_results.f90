@@ -152,6 +152,7 @@ contains
         term = [r%na(:, i)*ev%p%v(:, a), r%nb(:, i)*ev%p%v(:, b), r%sa(i)*ev%p%rate(a), r%sb(i)*ev%p%rate(b)]
         x = row_motion(ev%switches%state(c%switch_number), ev%switches%event_value(c%switch_number), sum(term), &
                        r%acceleration(i), resting*m%s%size + root_rounding*sum(abs(term)), ev%schur%diagonal(i))
+        x%pressed = r%pressed(i)
         x%noise = root_rounding*r%largest + merge(resting, root_rounding, ev%schur%singular)*x%compliance*r%strongest
       end associate
     end associate

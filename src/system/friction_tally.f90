@@ -2,7 +2,7 @@
 !> near it comes to its limit there.
 module friction_tally
   use kinds, only: wp, ip
-  use friction_law, only: sliding
+  use friction_law, only: row_parted, sliding
   implicit none (type, external)
   private
 
@@ -11,7 +11,7 @@ module friction_tally
     integer(ip) :: sticks = 0                 !! events: it came to rest
     integer(ip) :: slips = 0                  !! it broke away
     integer(ip) :: turns = 0                  !! it went on the other way
-    real(wp) :: slid = 0.0_wp                 !! to and fro until the last event of any element [m] or [rad]
+    real(wp) :: slid = 0.0_wp                 !! to and fro until the last step [m] or [rad]
     real(wp) :: position = 0.0_wp             !! where it was then [m] or [rad]
     real(wp) :: rest = 0.0_wp                 !! time at rest [s]
     real(wp) :: share = 0.0_wp                !! largest one of the limit at rest [-]
@@ -28,7 +28,7 @@ contains
   pure subroutine note_event(self, before, after)
     class(joint_tally), intent(inout) :: self
     integer, intent(in) :: before, after      !! states of the row
-    if (sliding(before) == sliding(after)) return      ! another pad presses
+    if (sliding(before) == sliding(after) .or. any([before, after] == row_parted)) return   ! another pad, or none, presses
     if (sliding(after) == 0) then
       self%sticks = self%sticks + 1
     else if (sliding(before) == 0) then

@@ -6,10 +6,11 @@ module resting_rows
   use kinds, only: wp
   use dynamics, only: evaluate_motion, motion_state
   use evaluation_results, only: evaluation, motion_of_row
-  use friction_law, only: row_stuck, row_slips, row_at_limit, row_unloaded
+  use friction_law, only: row_stuck, row_slips, row_at_limit, row_parted, row_unloaded
   use friction_shares, only: dependent_rows
   use mechanism, only: mechanism_model
-  use root_watch, only: most_roots, resting
+  use root_watch, only: by_position, most_roots, resting
+  use stops, only: stop_touching
   implicit none (type, external)
   private
   public :: hold_resting, find_states, close_low, comes_to_rest
@@ -55,7 +56,7 @@ contains
     if (more) call evaluate_states(m, ev, at)
   end subroutine hold_resting
 
-  !> Whether row k of those that switch rests, and holds then.
+  !> Whether row k of those that switch rests, and holds then. Friction of a stop that does not touch has nothing to hold by.
   subroutine see_whether_it_rests(m, ev, fallen, k, x)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
@@ -63,6 +64,10 @@ contains
     integer, intent(in) :: k
     type(resting_set), intent(inout) :: x
     logical :: down
+    if (parted(m, ev, k)) then
+      call set_relation(m, ev, x, k, row_parted)
+      return
+    end if
     associate (now => motion_of_row(m, ev, k), one_sided => m%s%constraints(m%s%permanent + k)%item%one_sided, &
                state => x%before(k))
       state = relation(m, ev, x, k)
@@ -120,6 +125,21 @@ contains
     end if
     ok = ok .and. .not. ev%broken
   end subroutine find_states
+
+  !> Whether row k is the friction of a stop that does not press.
+  pure logical function parted(m, ev, k) result(yes)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k
+    yes = .false.
+    if (k > size(m%s%friction)) return
+    associate (law => m%s%friction(k))
+      if (law%element == 0) return
+      associate (state => ev%switches%state(m%s%forces(law%element)%item%switch_number))
+        yes = abs(state) /= stop_touching .and. .not. (state == by_position .and. ev%rows%pressed(law%row) > 0.0_wp)
+      end associate
+    end associate
+  end function parted
 
   !> Whether a row that slips has neither a rate nor an acceleration, as behind a drive that has come to rest.
   logical function comes_to_rest(m, ev) result(yes)
@@ -284,7 +304,7 @@ contains
           if (state == row_stuck .and. side*f <= slack) next(k) = row_unloaded
           if (state /= row_stuck .and. side*now%acceleration > least) next(k) = row_stuck
         else if (state == row_stuck) then
-          limit = maxval(m%s%constraints(m%s%permanent + k)%item%bounds(side, ev%lambda))
+          limit = maxval(m%s%constraints(m%s%permanent + k)%item%bounds(side, ev%lambda, now%pressed))
           if (abs(f) > limit*(1 + resting) + slack) next(k) = nint(sign(1.0_wp, f))*row_at_limit
         else if (abs(state) /= row_unloaded) then
           least = ev%softening*now%compliance*abs(f) - now%noise - resting*now%compliance*abs(f)

@@ -64,7 +64,7 @@ contains
         if (renew) call factor(m, ev, w%x, 0, ok)
         if (renew .and. .not. ok) return
         call solve_linearised(m, ev, .false.)
-        call slip_forces(m%s%friction, ev%switches%state, w%x, w%law, strongest)
+        call slip_forces(m%s%friction, ev%switches%state, w%x, ev%rows%pressed, w%law, strongest)
         missed = largest_difference(w%law, w%f)
         if (pass == 1) last = strongest
         ok = missed <= law_rounding*strongest .or. (missed <= rounding*strongest .and. missed > slow*last)
@@ -87,7 +87,7 @@ contains
     logical, intent(in) :: refine
     real(wp) :: strongest                            ! [N]
     associate (w => ev%slip)
-      call slip_forces(m%s%friction, ev%switches%state, w%x, w%f, strongest)
+      call slip_forces(m%s%friction, ev%switches%state, w%x, ev%rows%pressed, w%f, strongest)
       call add_slopes(m, w, -1, w%f)
       call ev%schur%put(w%b, w%f)
       if (refine) call ev%schur%add_shift(w%x)
@@ -106,6 +106,7 @@ contains
     integer :: k
     do k = 1, size(m%s%friction)
       associate (law => m%s%friction(k))
+        if (law%element > 0) cycle
         f(law%row) = f(law%row) + sign_of*(w%slope(1, k)*w%x(law%first) + w%slope(2, k)*w%x(law%first + law%rows - 1))
       end associate
     end do
@@ -133,7 +134,7 @@ contains
       last = huge(1.0_wp)
       do pass = 1, most_passes
         call ev%schur%solve_beside(w%b, w%f, w%x)
-        call slip_forces(m%s%friction, ev%switches%state, w%x, w%law, strongest)
+        call slip_forces(m%s%friction, ev%switches%state, w%x, ev%rows%pressed, w%law, strongest)
         missed = largest_difference(w%law, w%f)
         ok = missed <= law_rounding*strongest .or. (missed <= rounding*strongest .and. missed > far*last)
         if (ok .or. .not. missed < far*last) return
@@ -181,6 +182,7 @@ contains
     integer :: k
     associate (w => ev%slip, s => ev%schur, c => ev%schur%coupled)
       do k = 1, size(m%s%friction)
+        if (m%s%friction(k)%element > 0) cycle
         associate (law => m%s%friction(k), columns => [m%s%friction(k)%first, m%s%friction(k)%first + m%s%friction(k)%rows - 1])
           w%law_of(law%row) = k
           w%slope(:, k) = 0.0_wp
@@ -213,7 +215,7 @@ contains
     integer :: i, j, k, l, t
     do k = 1, entries
       t = law_of(off(k))
-      if (t == 0) cycle                              ! a stop
+      if (t == 0) cycle                              ! a stop, or its friction
       i = 2*kd + 1 + place(k)
       do l = 1, 2
         j = column(l, t)

@@ -2,12 +2,13 @@
 !> multiplier is the friction force, a function of the joint's other multipliers (theory.md, section 13).
 module switched_rows
   use kinds, only: wp
-  use friction_law, only: force_of
-  use evaluation_results, only: evaluation
+  use friction_law, only: force_of, row_slips
+  use evaluation_results, only: conditions_of, evaluation
   use mechanism, only: mechanism_model
+  use stops, only: stop_model
   implicit none (type, external)
   private
-  public :: leave_open, slip_gaps, slip_slope
+  public :: leave_open, slip_gaps, slip_slope, stop_slope
 
 contains
 
@@ -30,7 +31,8 @@ contains
     where (ev%rows%off) gap = -lambda
     do k = 1, size(m%s%friction)
       associate (law => m%s%friction(k))
-        if (ev%rows%off(law%row)) gap(law%row) = force_of(law, ev%switches%state(law%number), lambda) - lambda(law%row)
+        if (ev%rows%off(law%row)) gap(law%row) = force_of(law, ev%switches%state(law%number), lambda, &
+                                                               ev%rows%pressed(law%row)) - lambda(law%row)
       end associate
     end do
   end subroutine slip_gaps
@@ -47,8 +49,31 @@ contains
     slope = 0.0_wp
     if (k > size(m%s%friction)) return          ! a rigid stop
     associate (law => m%s%friction(k))
+      if (law%element > 0) return            ! it follows the motion
       reaction = [law%first, merge(law%first + 1, 0, law%rows > 1)]
       slope = law%force_slope(ev%switches%state(law%number), lambda)
     end associate
   end subroutine slip_slope
+
+  !> How the friction of a stop that slips follows the motion of the stop's markers (x, y, section angle of a, then of b).
+  subroutine stop_slope(m, ev, k, by_place, by_rate)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k                 !! its number among those with friction
+    real(wp), intent(out) :: by_place(6)     !! [N/m], [N]
+    real(wp), intent(out) :: by_rate(6)      !! [N s/m], [N s]
+    real(wp) :: mu                           ! [-]
+    by_place = 0.0_wp
+    by_rate = 0.0_wp
+    associate (law => m%s%friction(k))
+      if (abs(ev%switches%state(law%number)) /= row_slips) return
+      mu = sign(law%kinetic, real(ev%switches%state(law%number), wp))
+      select type (stop => m%s%forces(law%element)%item)
+      class is (stop_model)
+        call stop%force_slopes(ev%p, conditions_of(m, ev, law%element), by_place, by_rate)
+      end select
+      by_place = mu*by_place
+      by_rate = mu*by_rate
+    end associate
+  end subroutine stop_slope
 end module switched_rows

@@ -13,6 +13,7 @@ from biela.compare import differences
 from biela.histories import read
 from conftest import REFERENCE, TIMEOUT, caught, program, wait_for
 from four_bars import row_of_four_bars
+from linearised import DECKS
 from scenes import LUMPS, MATERIALS, PUSHES, SPRINGS, beam, frame, rigid
 
 MIXED = (
@@ -126,6 +127,15 @@ def test_the_tangent_is_the_derivative_of_the_residual(scene, step, seed, tangen
     assert bodies < 1e-7
     assert row < 1e-5
     assert constraints < 1e-7
+
+
+@pytest.mark.parametrize("pairs", ["pairs", "joints on profiles"])
+@pytest.mark.parametrize(("step", "seed"), [(1e-3, 7), (1e-2, 11), (1e-3, 4)])
+def test_the_tangent_of_friction_on_profiles(pairs, step, seed, tangent, tmp_path):
+    """Of stops it follows their forces; the slip's own gradient turns. With the even seed it sticks."""
+    deck = tmp_path / "deck.nml"
+    deck.write_text(DECKS[pairs].replace("type='profile'", "type='profile' friction=0.3") + march("step=1e-3 t_end=1"))
+    assert max(tangent(deck, step, 0.6, seed)) < 1e-6
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.9])

@@ -230,6 +230,11 @@ CORNERS = """&body name='arm' mass=1.0 inertia=0.1 angular_velocity=1.0 /
 &history name='turn' kind='polynomial' coefficients=0.0,1.0 /
 &drive name='d' body_a='disc' history='turn' /
 &sensor name='b' quantity='angle' body='disc' /
+&profile name='bowl' kind='circle' radius=0.25 hollow=.true. /
+&body name='bead' mass=1.0 inertia=6e-4 velocity=0.9,1.3 angular_velocity=40 position=0.0,-0.19 /
+&stop name='grip' type='profile' body_a='bead' radius=0.05 profile='bowl'
+  friction=0.05 friction_static=0.2 stiffness=4e5 damping=0.3 /
+&sensor name='rub' quantity='friction' stop='grip' /
 &history name='cam' kind='table' interpolation='linear' time=-1.0,0.1,0.15,0.3,0.38,2.0 value=0.0,0.0,2.0,-1.0,1.0,1.0
   argument='b' /
 &history name='to' kind='product' histories='r','cam' /
@@ -272,6 +277,7 @@ def test_checkpoints_at_corners_saturations_samples_and_a_stop(method, biela, tm
     names = [name for line in whole["history.txt"].decode().splitlines() if "columns:" in line for name in line.split()[2:]]
     strikes = [line.split() for line in whole["events.txt"].decode().splitlines() if " wall open " in line]
     assert abs(float(strikes[0][0]) - 0.1) < 1e-14
+    assert {-1.0, 0.0} <= set(rows[:, names.index("rub.state[-]")])
     limited = rows[:, names.index("c.limited[-]")]
     assert limited[38] == 0.0
     assert limited[44] == 1.0

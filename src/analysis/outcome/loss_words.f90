@@ -37,11 +37,12 @@ contains
     associate (m => run%sys%m, x => run%sys%friction(i))
       associate (row => m%s%constraints(m%s%permanent + i)%item)
         lost = run%y(2*m%s%nq + m%s%nz + m%s%nzd + 2 + row%switch_number)
-        slid = x%slid + abs(run%sys%position_of(i) - x%position)
+        slid = x%slid
         call text%open('', '{')
-        call text%line('  friction of joint "{name='//trim(row%name)//'}": slid {slid 4}'//either(' rad', ' m', row%angular)// &
-          ', lost {lost 4} J; times that it came to rest {sticks #}, broke away {slips #}, turned without rest {turns #}; at '// &
-          'rest {time_at_rest 4} s'//either(', with at most {largest_share 4} of its limit', '', x%rest > 0.0_wp), &
+        call text%line('  friction of '//either('stop', 'joint', row%parent > m%s%permanent)//' "{name='//trim(row%name)// &
+          '}": slid {slid 4}'//either(' rad', ' m', row%angular)//', lost {lost 4} J; times that it came to rest {sticks #}, '// &
+          'broke away {slips #}, turned without rest {turns #}; at rest {time_at_rest 4} s'// &
+          either(', with at most {largest_share 4} of its limit', '', x%rest > 0.0_wp), &
           [real(wp) :: slid, lost, x%sticks, x%slips, x%turns, x%rest, x%share])
         if (x%unknown > 0.0_wp) call text%line('    its share of the load is not determined by rigid bodies, as others hold '// &
                                                'the same motion, during {undetermined 4} s', [x%unknown])
@@ -65,8 +66,14 @@ contains
       call text%open('losses', '[')
       do i = 1, merge(s%elements, 0, switching)
         if (i > s%stops .and. i <= size(s%switching)) cycle   ! functions of motion lose nothing
-        call text%item('  lost in '//either('friction of joint', 'stop', i > s%stops)//' "{element='// &
-                       element_name(run%sys%m, i)//'}": {lost 4} J', [y(2*s%nq + s%nz + s%nzd + 2 + i)])
+        words = 'stop'
+        if (i > s%stops) then
+          associate (row => s%constraints(s%permanent + i - size(s%switching))%item)
+            words = 'friction of '//either('stop', 'joint', row%parent > s%permanent)
+          end associate
+        end if
+        call text%item('  lost in '//words//' "{element='//element_name(run%sys%m, i)//'}": {lost 4} J', &
+                       [y(2*s%nq + s%nz + s%nzd + 2 + i)])
       end do
       do i = 1, size(s%losses)
         associate (cause => s%losses(i), lost => y(s%ny - size(s%integrated) - size(s%losses) + i))

@@ -55,7 +55,13 @@ contains
     if (any(ratios > nearly_locked) .and. trouble /= trouble_masses) trouble = trouble_system
     select case (trouble)
     case (trouble_system)
-      text = friction_fault(run, ratios, march%t)
+      if (run%sys%sunk > 0) then
+        text = 'stop "'//element_name(run%sys%m, run%sys%sunk)//'" is softer than its own curvature: at t = '//number(march%t)// &
+               ' s the follower is in the profile by more than nine tenths of its radius of curvature, where the normal of the '// &
+               'contact loses its direction; expected a larger stiffness'
+      else
+        text = friction_fault(run, ratios, march%t)
+      end if
     case (trouble_masses)
       text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//weakest_text(run%sys%m, run%sys%ev)
     case (trouble_manifold)

@@ -3,11 +3,12 @@ module mechanism_events
   use kinds, only: wp, ip
   use archive, only: value_archive
   use contact_mass, only: mass_at, time_of_contact
+  use contact_pair, only: pair_measure
   use controls, only: pass_control_events, start_controls
   use dynamics, only: evaluate, marker_kinematics, motion_state
   use evaluation_results, only: conditions_of, evaluation
   use force_element, only: by_position, inactive, most_roots
-  use friction_law, only: row_at_limit, row_slips, row_stuck, sliding
+  use friction_law, only: row_at_limit, row_parted, row_slips, row_stuck, sliding
   use friction_shares, only: find_undetermined
   use friction_tally, only: joint_tally
   use impacts, only: impact_result, pass_impacts
@@ -29,6 +30,7 @@ module mechanism_events
   !> The system with its events.
   type, abstract, extends(moving_mechanism), public :: switching_mechanism
     type(event_list) :: events                !! of elements that switch
+    integer :: sunk = 0                       !! a stop that is pressed in as deep as its profile's radius of curvature; 0: none
     integer :: conflict = 0                   !! a rigid stop that is pressed by a part which cannot move back; 0: none
     type(element_tally), allocatable :: tally(:)   !! of each of them
     type(joint_tally), allocatable :: friction(:)  !! of each joint with friction
@@ -83,6 +85,18 @@ contains
     integer, intent(in) :: k
     position_of = self%m%s%constraints(self%m%s%permanent + k)%item%position(self%ev%p)
   end function position_of
+
+  !> How far joint k of those with friction has slid since it was last asked. Between two steps it slides one way, or not at all.
+  subroutine note_way(self, k)
+    class(switching_mechanism), intent(inout) :: self
+    integer, intent(in) :: k
+    real(wp) :: x                           ! [m] or [rad]
+    x = self%position_of(k)
+    associate (tally => self%friction(k))
+      tally%slid = tally%slid + abs(self%m%s%constraints(self%m%s%permanent + k)%item%way(tally%position, x))
+      tally%position = x
+    end associate
+  end subroutine note_way
 
   !> For linear analyses about a state at t = 0: rigid stops that are touched and pressed are closed, joints with friction stick or
   !> slip, or move freely.
@@ -247,11 +261,8 @@ contains
         if (event%element > n) call self%friction(event%element - n)%note_event(event%from, event%to)
       end associate
     end do
-    do k = 1, size(self%friction)           ! between two events it slides one way, or not at all
-      associate (x => self%friction(k))
-        x%slid = x%slid + abs(self%position_of(k) - x%position)
-        x%position = self%position_of(k)
-      end associate
+    do k = 1, size(self%friction)
+      call note_way(self, k)
     end do
     call limit_steps_at_rest(self)
   end subroutine apply_events
@@ -418,16 +429,23 @@ contains
         class is (stop_model)
           call self%tally(i)%note_step(stop, conditions_of(self%m, self%ev, element), self%follows_stiffness, h, &
                                        [g0(k), g1(k)], [rate0(k), rate1(k)])
+          select type (gap => stop%measure)
+          class is (pair_measure)
+            if (gap%sunk(self%ev%p)) self%sunk = i
+          end select
         end select
       end associate
     end do
     do i = 1, size(self%friction)
       associate (law => self%m%s%friction(i))
         associate (state => self%ev%switches%state(law%number))
-          if (sliding(state) == 0) call self%friction(i)%note_rest(h, law%share(state, self%ev%lambda))
+          call note_way(self, i)
+          if (sliding(state) /= 0 .or. state == row_parted) cycle
+          call self%friction(i)%note_rest(h, law%share(state, self%ev%lambda, self%ev%rows%pressed(law%row)))
         end associate
       end associate
     end do
+    self%fault = self%fault .or. self%sunk > 0
     call limit_steps(self)
     if (.not. allocated(self%painleve)) return
     self%ev%slip%start = merge(self%ev%lambda, 0.0_wp, abs(self%ev%lambda) < huge(1.0_wp))

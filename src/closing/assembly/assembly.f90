@@ -76,7 +76,7 @@ contains
     if (.not. self%redundant) return
     do k = 1, size(self%s%friction)
       associate (c => self%s%constraints(self%s%permanent + k)%item)
-        if (c%parent == 0) cycle
+        if (c%parent == 0 .or. c%parent > self%s%permanent) cycle
         if (.not. report%dependent(c%parent)) cycle
         if (report%culprit == 0) report%culprit = c%parent
         call fail%raise(status_bad_input, 'joint "'//trim(c%name)//'": its reaction is not determined by rigid-body mechanics, '// &

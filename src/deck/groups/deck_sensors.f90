@@ -30,7 +30,7 @@ contains
     if (deck%is_choice(angles//' distance power work') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
     call need_one('reaction', ['joint', 'drive'])
-    call need_one('contact', [character(5) :: 'joint', 'stop'])
+    call need_one('contact friction', [character(5) :: 'joint', 'stop'])
     call check_contact()
     call check_friction()
     call need_one('power work', [character(6) :: 'drive', 'force', 'spring', 'joint'])
@@ -73,13 +73,21 @@ contains
       end if
     end subroutine check_contact
 
-    !> Friction is that of a joint that has some.
+    !> Friction is that of a joint or stop that has some.
     subroutine check_friction()
-      if (.not. (deck%is_choice('friction') .and. deck%is_set('joint')) .or. s%joint == 0) return
-      associate (j => d%joints(s%joint))
-        if (max(j%friction, j%friction_static, j%preload, j%preload_static) > 0.0_wp) return
-        call deck%complain('joint', 'joint "'//trim(j%name)//'" has no friction, expected a joint with friction or preload above 0')
-      end associate
+      if (.not. deck%is_choice('friction')) return
+      if (deck%is_set('joint') .and. s%joint > 0) then
+        associate (j => d%joints(s%joint))
+          if (max(j%friction, j%friction_static, j%preload, j%preload_static) > 0.0_wp) return
+          call deck%complain('joint', 'joint "'//trim(j%name)//'" has no friction, expected a joint with friction or preload '// &
+                             'above 0')
+        end associate
+      else if (deck%is_set('stop') .and. s%stop > 0) then
+        associate (x => d%stops(s%stop))
+          if (max(x%friction, x%friction_static) > 0.0_wp) return
+          call deck%complain('stop', 'stop "'//trim(x%name)//'" has no friction, expected a stop with friction above 0')
+        end associate
+      end if
     end subroutine check_friction
 
     !> Elastic quantities are those of beams and frames; the element must exist.

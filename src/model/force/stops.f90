@@ -48,6 +48,7 @@ module stops
   contains
     procedure :: contact
     procedure :: slopes
+    procedure :: force_slopes
     procedure :: damping_factor
     procedure :: scaled
     procedure :: stiffness_at
@@ -257,6 +258,24 @@ contains
     stiffness = self%stiffness_at(depth)*self%damping_factor(rate, with)
     damping = self%hardness*max(depth, 0.0_wp)**self%exponent*present_damping(self, with)
   end subroutine slopes
+
+  !> The same by the places of the markers (x, y, section angle of a, then of b) and by their rates.
+  pure subroutine force_slopes(self, p, with, by_place, by_rate)
+    class(stop_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(conditions), intent(in) :: with
+    real(wp), intent(out) :: by_place(6)   !! [N/m], [N]
+    real(wp), intent(out) :: by_rate(6)    !! [N s/m], [N s]
+    type(stop_contact) :: c
+    real(wp) :: stiffness, damping
+    call self%contact(p, with, c)
+    by_place = 0.0_wp
+    by_rate = 0.0_wp
+    if (abs(c%state) /= stop_touching) return
+    call self%slopes(with, c%depth, c%rate, stiffness, damping)
+    by_place = stiffness*c%g + damping*c%side*self%measure%turning(p)
+    by_rate = damping*c%g
+  end subroutine force_slopes
 
   !> K d^(n+1)/(n+1) [J].
   pure real(wp) function stop_energy(self, p, z, zd) result(energy)

@@ -25,6 +25,7 @@ module constraint
     logical :: left_limit = .false.       !! jumps of histories at the time of evaluation do not act yet
     real(wp), allocatable :: acceleration_bias(:) !! (n) part of the second derivative beside the markers' accelerations [m/s2]
     logical, allocatable :: off(:)        !! (n) it holds nothing now; allocated where rows switch
+    real(wp), allocatable :: pressed(:)   !! (n) force of the stop whose friction a row is, of others 0; likewise [N]
     real(wp), allocatable :: acceleration(:)   !! (n) second derivatives, zero but for rounding of rows that hold; likewise [m/s2]
     real(wp) :: largest = 0.0_wp          !! of accelerations without multipliers, of frames and of rows [m/s2]
     real(wp) :: strongest = 0.0_wp        !! of the multipliers [N]
@@ -39,6 +40,7 @@ module constraint
     real(wp) :: still = 0.0_wp            !! a rate so small is none [m/s]
     real(wp) :: compliance = 0.0_wp       !! its acceleration by a unit multiplier [1/kg]
     real(wp) :: noise = 0.0_wp            !! an acceleration so small is none [m/s2]
+    real(wp) :: pressed = 0.0_wp          !! force of the stop beside it [N]
   end type row_motion
 
   !> Second derivatives of lambda.Phi with respect to (x, y, angle) of marker a, then of marker b.
@@ -75,6 +77,7 @@ module constraint
     procedure :: line_turns
     procedure :: init_from_assembly
     procedure :: position
+    procedure :: way
     procedure :: weight
     procedure, non_overridable :: prescribed
     procedure :: breakpoints => drive_breakpoints !! times at which accelerations are not smooth, with the order of their jump
@@ -235,6 +238,16 @@ contains
     position = now%x
   end function position
 
+  !> From one value of its first measure to another, the short way round where it goes round a closed curve.
+  pure real(wp) function way(self, from, to)      ! [m] or [rad]
+    class(constraint_model), intent(in) :: self
+    real(wp), intent(in) :: from, to              !! [m] or [rad]
+    way = to - from
+    associate (period => self%measures(1)%item%period)
+      if (period > 0.0_wp) way = way - period*anint(way/period)
+    end associate
+  end function way
+
   !> Factor from its unit to metres.
   pure real(wp) function weight(self)             ! [-] or [m]
     class(constraint_model), intent(in) :: self
@@ -300,10 +313,11 @@ contains
   end function as_it_is
 
   !> Most rows hold whatever acts.
-  pure function no_bounds(self, side, lambda) result(bounds)
+  pure function no_bounds(self, side, lambda, pressed) result(bounds)
     class(constraint_model), intent(in) :: self
     integer, intent(in) :: side                   !! limit of a stop
     real(wp), intent(in) :: lambda(:)             !! multipliers of all rows [N]
+    real(wp), intent(in) :: pressed               !! force of the stop beside the row [N]
     real(wp) :: bounds(2)                         ! [N]
     bounds = [-1, 1]*huge(1.0_wp)
   end function no_bounds

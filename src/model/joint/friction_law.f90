@@ -1,6 +1,6 @@
 !> Coulomb's law of a joint: up to which tangential force its surfaces stick, and with which they slip, from the joint's own
 !> multipliers (theory.md, section 13). A pin presses by the size of its force, a slider by its normal force, a prismatic joint by
-!> those of two pads, which also take its moment.
+!> those of two pads, which also take its moment. A stop that yields presses by its force, which follows from the motion.
 module friction_law
   use kinds, only: wp
   implicit none (type, external)
@@ -8,9 +8,9 @@ module friction_law
   public :: force_of, pressure_of, slip_forces, sliding
 
   !> States: sticks; slips in the direction of its sign; at rest without sticking, as other rows carry it, with the static
-  !> limit in the direction of its sign, or with no force.
-  integer, parameter, public :: row_stuck = 0, row_slips = 1, row_at_limit = 2, row_unloaded = 3
-  integer, parameter, public :: on_pin = 1, on_line = 2, on_pads = 3   !! what presses
+  !> limit in the direction of its sign, or with no force; the stop that would press is open.
+  integer, parameter, public :: row_stuck = 0, row_slips = 1, row_at_limit = 2, row_unloaded = 3, row_parted = 4
+  integer, parameter, public :: on_pin = 1, on_line = 2, on_pads = 3, on_stop = 4   !! what presses
   integer, parameter, public :: most_pads = 2
 
   !> The law, and where the multipliers stand that it is about.
@@ -26,6 +26,7 @@ module friction_law
     integer :: row = 0                    !! its tangential row
     integer :: first = 0, rows = 0        !! first row of its joint, how many it has
     integer :: number = 0                 !! among the elements that switch
+    integer :: element = 0                !! of a stop: its number among the force elements
   contains
     procedure :: force_slope
     procedure :: sticking_limit
@@ -38,30 +39,32 @@ module friction_law
 contains
 
   !> The friction of all rows that are off, from the joints' multipliers.
-  pure subroutine slip_forces(laws, states, lambda, f, strongest)
+  pure subroutine slip_forces(laws, states, lambda, pressed, f, strongest)
     type(coulomb_law), intent(in) :: laws(:)
     integer, intent(in) :: states(:)      !! of all elements that switch
     real(wp), intent(in), contiguous :: lambda(:)   !! multipliers of all rows [N]
+    real(wp), intent(in), contiguous :: pressed(:)  !! (rows) force of the stop of a row [N]
     real(wp), intent(inout), contiguous :: f(:)     !! (rows) zero elsewhere [N]
     real(wp), intent(out) :: strongest    !! the largest [N]
     integer :: k
     strongest = 0.0_wp
     do k = 1, size(laws)
       associate (law => laws(k))
-        f(law%row) = force_of(law, states(law%number), lambda)
+        f(law%row) = force_of(law, states(law%number), lambda, pressed(law%row))
         strongest = max(strongest, abs(f(law%row)))
       end associate
     end do
   end subroutine slip_forces
 
   !> The multiplier of its row where that is off.
-  pure real(wp) function force_of(law, state, lambda) result(f)   ! [N]
+  pure real(wp) function force_of(law, state, lambda, pressed) result(f)   ! [N]
     type(coulomb_law), intent(in) :: law
     integer, intent(in) :: state
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    real(wp), intent(in) :: pressed       !! force of its stop [N]
     f = 0.0_wp
-    if (abs(state) == row_slips) f = sign(limit_of(law, .false., lambda), real(state, wp))
-    if (abs(state) == row_at_limit) f = sign(limit_of(law, .true., lambda), real(state, wp))
+    if (abs(state) == row_slips) f = sign(1, state)*limit_of(law, .false., lambda, pressed)
+    if (abs(state) == row_at_limit) f = sign(1, state)*limit_of(law, .true., lambda, pressed)
   end function force_of
 
   !> Derivatives of that force by the joint's multipliers; what they are 0 for is 0.
@@ -75,6 +78,7 @@ contains
     mu = 0.0_wp
     if (abs(state) == row_slips) mu = sign(self%kinetic, real(state, wp))
     if (abs(state) == row_at_limit) mu = sign(self%static, real(state, wp))
+    if (self%contact == on_stop) return
     y = 0.0_wp                            ! the joint's multipliers that press [N]
     y(:self%rows) = lambda(self%first:self%first + self%rows - 1)
     select case (self%contact)
@@ -89,22 +93,24 @@ contains
   end function force_slope
 
   !> Largest tangential force of surfaces that stick or slip; of a pin the moment over the size.
-  pure real(wp) function limit_of(law, stick, lambda) result(c)   ! [N]
+  pure real(wp) function limit_of(law, stick, lambda, pressed) result(c)   ! [N]
     type(coulomb_law), intent(in) :: law
     logical, intent(in) :: stick
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    real(wp), intent(in) :: pressed       !! force of its stop [N]
     c = merge(law%static_preload, law%preload, stick)/merge(law%size, 1.0_wp, law%contact == on_pin) + &
-        merge(law%static, law%kinetic, stick)*pressure_of(law, lambda)
+        merge(law%static, law%kinetic, stick)*(pressure_of(law, lambda) + pressed)
   end function limit_of
 
   !> Up to which force it sticks.
-  pure real(wp) function sticking_limit(self, lambda) result(c)   ! [N]
+  pure real(wp) function sticking_limit(self, lambda, pressed) result(c)   ! [N]
     class(coulomb_law), intent(in) :: self
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    c = limit_of(self, .true., lambda)
+    real(wp), intent(in) :: pressed       !! force of its stop [N]
+    c = limit_of(self, .true., lambda, pressed)
   end function sticking_limit
 
-  !> What the coefficient of friction multiplies; of a pin times the radius over the size.
+  !> What the coefficient of friction multiplies of multipliers; of a pin times the radius over the size.
   pure real(wp) function pressure_of(law, lambda) result(pressure)   ! [N]
     type(coulomb_law), intent(in) :: law
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
@@ -115,7 +121,7 @@ contains
     end if
   end function pressure_of
 
-  !> Normal forces of the pads; a line has one, a pin none.
+  !> Normal forces of the pads; a line has one, a pin or a stop none.
   pure function pads(self, lambda) result(n)
     class(coulomb_law), intent(in) :: self
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
@@ -147,11 +153,12 @@ contains
   end function sliding
 
   !> Part of its limit that acts: 1 where it slips.
-  pure real(wp) function share(self, state, lambda)   ! [-]
+  pure real(wp) function share(self, state, lambda, pressed)   ! [-]
     class(coulomb_law), intent(in) :: self
     integer, intent(in) :: state
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    real(wp), intent(in) :: pressed       !! force of its stop [N]
     share = merge(1.0_wp, 0.0_wp, abs(lambda(self%row)) > 0.0_wp)
-    if (abs(state) /= row_slips) share = abs(lambda(self%row))/max(self%sticking_limit(lambda), tiny(1.0_wp))
+    if (abs(state) /= row_slips) share = abs(lambda(self%row))/max(self%sticking_limit(lambda, pressed), tiny(1.0_wp))
   end function share
 end module friction_law

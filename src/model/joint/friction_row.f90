@@ -4,7 +4,7 @@
 module friction_row
   use kinds, only: wp
   use constraint, only: constraint_model, row_motion
-  use friction_law, only: coulomb_law, most_pads, row_at_limit, row_stuck, row_slips
+  use friction_law, only: coulomb_law, most_pads, row_at_limit, row_parted, row_stuck, row_slips
   use root_watch, only: watched_roots, resting, root_rounding
   implicit none (type, external)
   private
@@ -29,12 +29,13 @@ contains
   end function friction_holds
 
   !> The static limit, either way.
-  pure function static_limit(self, side, lambda) result(bounds)
+  pure function static_limit(self, side, lambda, pressed) result(bounds)
     class(friction_model), intent(in) :: self
     integer, intent(in) :: side           !! 0
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    real(wp), intent(in) :: pressed       !! force of its stop [N]
     real(wp) :: bounds(2)                 ! [N]
-    bounds = [-1, 1]*self%law%sticking_limit(lambda)
+    bounds = [-1, 1]*self%law%sticking_limit(lambda, pressed)
   end function static_limit
 
   !> Sticking: what is left to the static limit. Slipping: the speed, and the normal forces, at whose change of sign the limit has a
@@ -50,7 +51,7 @@ contains
     noise = now%noise/now%compliance
     select case (abs(now%state))
     case (row_stuck)
-      c = self%law%sticking_limit(lambda)
+      c = self%law%sticking_limit(lambda, now%pressed)
       watched%g(1) = c*(1 + resting) - abs(lambda(self%first))
       watched%rate(1) = huge(1.0_wp)
       watched%zero(1) = root_rounding*c + noise
@@ -65,6 +66,8 @@ contains
         watched%rate(1 + k) = huge(1.0_wp)
         watched%zero(1 + k) = noise
       end do
+    case (row_parted)
+      return
     case default
       watched%g(1) = resting*self%size - abs(now%rate)
       watched%rate(1) = -sign(now%acceleration, now%acceleration*now%rate)
@@ -86,6 +89,8 @@ contains
       word = 'backward'
     case (row_at_limit, -row_at_limit)
       word = 'at_limit'
+    case (row_parted)
+      word = 'parted'
     case default
       word = 'unloaded'
     end select

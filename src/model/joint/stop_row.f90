@@ -50,10 +50,11 @@ contains
   end function state_by
 
   !> It never pulls.
-  pure function pushes(self, side, lambda) result(bounds)
+  pure function pushes(self, side, lambda, pressed) result(bounds)
     class(stop_row_model), intent(in) :: self
     integer, intent(in) :: side                !! the limit: 1 upper, -1 lower
     real(wp), intent(in) :: lambda(:)          !! not used [N]
+    real(wp), intent(in) :: pressed            !! not used [N]
     real(wp) :: bounds(2)                      ! [N]
     bounds = merge([0, 1], [-1, 0], side > 0)*huge(1.0_wp)
   end function pushes

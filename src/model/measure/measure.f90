@@ -30,6 +30,7 @@ module measure
     logical :: radial = .false.            !! a distance: its direction is that of the line between its markers
     logical :: rate = .false.              !! its rate is meant
     real(wp) :: span = 0.0_wp              !! of a gap that is at most so large, where its direction turns over; 0: none [m]
+    real(wp) :: period = 0.0_wp            !! of a way round a closed curve, by which x is not determined; 0: none [m]
     real(wp) :: datum = 0.0_wp             !! what is taken off x: an angle that a joint keeps, a free length [m] or [rad]
     logical :: pending = .false.           !! the datum is not known yet: it follows from the assembled markers
     real(wp) :: carrier = 0.0_wp           !! gradient by the section angle of the carrier, which only joints have [-]

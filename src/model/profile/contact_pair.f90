@@ -29,6 +29,7 @@ module contact_pair
     procedure :: measure => pair_motion
     procedure :: curvature => pair_curvature
     procedure :: touching
+    procedure :: sunk
   end type pair_measure
 
   !> Where a pair touches, or would.
@@ -43,7 +44,18 @@ module contact_pair
     real(wp) :: advance                    !! of it by w, the motion along the tangent or the turn of the face [rad/m] or [-]
   end type pair_touch
 
+  real(wp), parameter :: least_turn = 0.1_wp   !! 1 + kappa D of a penetration below which its normal is not to be believed [-]
+
 contains
+
+  !> Whether a roller is so deep in what it touches that it comes near a centre of curvature, where the normal has no direction.
+  pure logical function sunk(self, p)
+    class(pair_measure), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(pair_touch) :: at
+    at = self%touching(p)
+    sunk = .not. self%flat .and. at%convexity > 0.0_wp .and. 1 + at%convexity*(at%x + self%radius) <= least_turn
+  end function sunk
 
   !> The gap, its gradient, what its second derivative consists of.
   pure type(pair_touch) function touching(self, p) result(at)

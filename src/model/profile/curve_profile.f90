@@ -3,13 +3,18 @@
 !> so that trials of steps and restarts meet the same one: the curve is cut into arcs, each within a circle; only arcs whose circles
 !> come nearer than the best place are searched, by Newton's method within brackets (theory.md, section 17).
 module curve_profile
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use marker, only: turn
-  use profile, only: no_piece, profile_foot, profile_model, profile_reach
+  use profile, only: no_piece, profile_foot, profile_model, profile_reach, profile_way
   implicit none (type, external)
   private
 
   integer, parameter :: samples = 8          !! of an arc, for its circle and for checks
+  real(wp), parameter :: nodes(5) = 0.5_wp + [-0.4530899229693320_wp, -0.2692346550528415_wp, 0.0_wp, 0.2692346550528415_wp, &
+                                              0.4530899229693320_wp]   !! of Gauss, between 0 and 1 [-]
+  real(wp), parameter :: weights(5) = [0.1184634425280945_wp, 0.2393143352496832_wp, 0.2844444444444444_wp, &
+                                       0.2393143352496832_wp, 0.1184634425280945_wp]   !! [-]
+  real(wp), parameter :: apart = 1.0e-5_wp   !! places for a difference quotient, of the curve [-]
   integer, parameter :: most_trials = 100    !! each second one at least halves the bracket
 
   !> A place of the curve.
@@ -40,12 +45,17 @@ module curve_profile
     type(curve_place), allocatable :: ends(:)      !! (0:arcs) of the arcs
     real(wp), allocatable :: middle(:, :)    !! (2, arcs) of circles about them [m]
     real(wp), allocatable :: radius(:)       !! (arcs) of these [m]
+    real(wp), allocatable :: mark(:)         !! (0:) some u, also where the law has corners [any]
+    real(wp), allocatable :: length(:)       !! (0:) of the curve up to these [m]
+    real(wp), allocatable :: angle(:)        !! (0:) of the normal there, without jumps [rad]
   contains
     procedure(place_at), deferred :: at
     procedure :: nearest => nearest_of_arcs
     procedure :: support => convex_support
+    procedure :: way => way_along
     procedure :: outline => curve_outline
     procedure :: cut
+    procedure :: set_marks
     procedure :: examine
   end type curve_model
 
@@ -81,6 +91,76 @@ contains
                        + maxval(norm2(c(:, 1:) - c(:, :samples - 1), 1))
     end do
   end subroutine cut
+
+  !> Length of the curve between two places of an arc, by Gauss' rule.
+  pure real(wp) function length_between(self, from, to, piece) result(length)   ! [m]
+    class(curve_model), intent(in) :: self
+    real(wp), intent(in) :: from, to         !! [any]
+    real(wp), intent(in) :: piece            !! as of the nearest place [rad]
+    type(curve_place) :: q
+    integer :: k
+    length = 0.0_wp
+    do k = 1, size(nodes)
+      q = self%at(from + nodes(k)*(to - from), piece)
+      length = length + weights(k)*(to - from)*q%speed
+    end do
+  end function length_between
+
+  !> From one normal to another.
+  pure real(wp) function turned(n1, n2)      ! [rad]
+    real(wp), intent(in) :: n1(2), n2(2)     !! [-]
+    turned = atan2(n1(1)*n2(2) - n1(2)*n2(1), dot_product(n1, n2))
+  end function turned
+
+  !> Lengths and normals at places between which the curve is smooth.
+  subroutine set_marks(self, u)
+    class(curve_model), intent(inout) :: self
+    real(wp), intent(in) :: u(0:)            !! ascending, from the beginning to the end [any]
+    type(curve_place) :: before, next
+    integer :: i
+    allocate (self%mark(0:ubound(u, 1)), source=u)
+    allocate (self%length(0:ubound(u, 1)), self%angle(0:ubound(u, 1)), source=0.0_wp)
+    next = self%at(u(0), no_piece)
+    self%angle(0) = atan2(next%n(2), next%n(1))
+    do i = 1, ubound(u, 1)
+      before = next
+      next = self%at(u(i), no_piece)
+      self%length(i) = self%length(i - 1) + length_between(self, u(i - 1), u(i), no_piece)
+      self%angle(i) = self%angle(i - 1) + turned(before%n, next%n)
+    end do
+  end subroutine set_marks
+
+  !> The way up to a place, that beyond an end of an open curve straight on. The curvature's change is a difference of two places.
+  pure type(profile_way) function way_along(self, angle, n, piece) result(way)
+    class(curve_model), intent(in) :: self
+    real(wp), intent(in) :: angle            !! the argument of a law there [rad]
+    real(wp), intent(in) :: n(2)             !! outward normal [-]
+    real(wp), intent(in) :: piece            !! as of the nearest place [rad]
+    type(curve_place) :: q(2)
+    real(wp) :: u, v, near(2), bends(2), speed   ! [any], [any], [any], [1/m], of the profile [m/any]
+    integer :: k, last
+    last = ubound(self%mark, 1)
+    u = self%sense*angle
+    associate (mark => self%mark, whole => self%mark(last))
+      v = min(max(u, 0.0_wp), whole)
+      if (self%closed) v = modulo(u, whole)
+      k = max(1, min(last, count(mark <= v)))
+      q(1) = self%at(mark(k - 1), no_piece)
+      way%angle = self%angle(k - 1) + turned(q(1)%n, n)
+      way%length = self%length(k - 1) + length_between(self, mark(k - 1), v, piece) - self%inset*way%angle
+      if (self%closed) way%round = self%length(last) - 2*pi*self%inset
+      if (.not. self%closed) way%length = way%length + (u - v)
+      if (.not. self%closed .and. abs(u - v) > 0.0_wp) return
+      near = v + [-apart, apart]*whole
+      if (.not. self%closed) near = min(max(near, 0.0_wp), whole)
+      v = near(2) - near(1)
+      if (self%closed) near = modulo(near, whole)
+      q = [self%at(near(1), piece), self%at(near(2), piece)]
+      bends = q%curvature/(1 - q%curvature*self%inset)
+      speed = 0.5_wp*sum(q%speed*(1 - q%curvature*self%inset))
+      way%bending = (bends(2) - bends(1))/(speed*v)
+    end associate
+  end function way_along
 
   !> The nearest place. The distance to a place within an arc is least where (d - c).t falls through zero. Beyond its ends an open
   !> curve is straight.
@@ -134,7 +214,9 @@ contains
     type(curve_place), intent(in) :: last
     real(wp), intent(in) :: length           !! [m]
     q = last
+    q%u = q%u + length
     q%c = q%c + length*turn(q%n)
+    q%speed = 1.0_wp
     q%curvature = 0.0_wp
   end function straight
 

@@ -24,6 +24,14 @@ module profile
     real(wp) :: advance = 0.0_wp             !! of it with the direction [-]
   end type profile_reach
 
+  !> The way along it up to a place.
+  type, public :: profile_way
+    real(wp) :: length = 0.0_wp              !! of the profile, along the normal's quarter turn [m]
+    real(wp) :: angle = 0.0_wp               !! of the normal [rad]
+    real(wp) :: bending = 0.0_wp             !! of the curvature with the length [1/m2]
+    real(wp) :: round = 0.0_wp               !! length of all of it, while the normal turns once; of an open one 0 [m]
+  end type profile_way
+
   !> A profile.
   type, abstract, public :: profile_model
     character(32) :: name = ''
@@ -31,6 +39,7 @@ module profile
   contains
     procedure(nearest_place), deferred :: nearest
     procedure(reach_of), deferred :: support
+    procedure(way_up_to), deferred :: way
     procedure(points_of), deferred :: outline
   end type profile_model
 
@@ -49,6 +58,14 @@ module profile
       real(wp), intent(in) :: alpha          !! of the direction n [rad]
       real(wp), intent(in) :: piece          !! as of the nearest place [rad]
     end function reach_of
+    !> The way up to a place.
+    pure type(profile_way) function way_up_to(self, angle, n, piece) result(way)
+      import :: profile_model, profile_way, wp
+      class(profile_model), intent(in) :: self
+      real(wp), intent(in) :: angle          !! the argument of a law there [rad]
+      real(wp), intent(in) :: n(2)           !! outward normal [-]
+      real(wp), intent(in) :: piece          !! as of the nearest place [rad]
+    end function way_up_to
     !> Points all along it, for pictures.
     pure function points_of(self) result(c)
       import :: profile_model, wp
@@ -64,6 +81,7 @@ module profile
   contains
     procedure :: nearest => circle_nearest
     procedure :: support => circle_support
+    procedure :: way => circle_way
     procedure :: outline => circle_outline
   end type circle_model
 
@@ -92,6 +110,19 @@ contains
     real(wp), intent(in) :: piece            !! not used [rad]
     reach%p(0) = self%radius
   end function circle_support
+
+  !> By the normal alone.
+  pure type(profile_way) function circle_way(self, angle, n, piece) result(way)
+    class(circle_model), intent(in) :: self
+    real(wp), intent(in) :: angle            !! not used [rad]
+    real(wp), intent(in) :: n(2)             !! outward normal [-]
+    real(wp), intent(in) :: piece            !! not used [rad]
+    real(wp) :: radius                       ! of curvature [m]
+    radius = merge(-self%radius, self%radius, self%hollow)
+    way%angle = atan2(n(2), n(1))
+    way%length = radius*way%angle
+    way%round = 2*pi*radius
+  end function circle_way
 
   !> Round about.
   pure function circle_outline(self) result(c)

@@ -75,7 +75,7 @@ contains
         x(2) = (dot_product(r%na(:, i), p%v(:, row%ia)) + dot_product(r%nb(:, i), p%v(:, row%ib)) &
                 + r%sa(i)*p%rate(row%ia) + r%sb(i)*p%rate(row%ib))/unit
         x(3) = sliding(state)
-        x(4) = law%share(state, at%ev%lambda)
+        x(4) = law%share(state, at%ev%lambda, r%pressed(i))
       end associate
     end associate
   end subroutine read_friction

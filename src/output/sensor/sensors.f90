@@ -109,7 +109,7 @@ contains
       item = reaction
       columns = [result_column('.fx', 'N'), result_column('.fy', 'N'), result_column('.m', 'Nm')]
     case ('friction')
-      row = friction_of(m%s, r%joint)
+      row = friction_of(m%s, merge(r%joint, m%s%permanent + m%s%acting - m%s%stops + r%stop, r%joint > 0))
       item = friction_sensor_model(constraint=row(1))
       columns = [result_column('.f', 'N'), result_column('.rate', 'm/s'), result_column('.state', '-'), &
                  result_column('.share', '-')]

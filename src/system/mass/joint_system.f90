@@ -64,7 +64,7 @@ contains
   end subroutine plain_values
 
   !> Which rows hold in their present states. These are measured from the position at which they began to hold. Rows that are off
-  !> keep their gradients, for the forces that act along them.
+  !> keep their gradients, for the forces that act along them. Stops press on their friction with the forces that act.
   subroutine switch_rows(self, ev)
     type(mechanism_model), intent(in) :: self
     type(evaluation), intent(inout) :: ev
@@ -73,8 +73,13 @@ contains
       associate (c => self%s%constraints(k)%item, x => ev%switches)
         associate (i => c%first)
           ev%rows%off(i) = .not. c%holds(x%state(c%switch_number))
-          ev%rows%phi(i) = merge(0.0_wp, ev%rows%phi(i) - x%event_value(c%switch_number), ev%rows%off(i))
+          ev%rows%phi(i) = merge(0.0_wp, c%way(x%event_value(c%switch_number), ev%rows%phi(i)), ev%rows%off(i))
         end associate
+      end associate
+    end do
+    do k = 1, size(self%s%friction)
+      associate (law => self%s%friction(k))
+        if (law%element > 0) ev%rows%pressed(law%row) = ev%action(law%element)%force
       end associate
     end do
   end subroutine switch_rows

@@ -12,13 +12,13 @@ module border_row_lists
   private
   public :: coupling, row_lists, list_rows, order_rows
 
-  integer, parameter, public :: from_joint = 1, from_element = 2, from_argument = 3
+  integer, parameter, public :: from_joint = 1, from_element = 2, from_argument = 3, from_friction = 4
 
   !> A law between displacement rows: forces on two markers that follow from the motion of two markers. These are the same ones, or
-  !> those of an element's argument.
+  !> those of an element's argument. Of the friction of a stop: its multiplier follows from the motion of the stop's markers.
   type :: coupling
-    integer :: kind = 0                      !! from_joint, from_element, from_argument
-    integer :: item = 0                      !! its number
+    integer :: kind = 0                      !! from_joint, from_element, from_argument, from_friction
+    integer :: item = 0                      !! its number; of friction among those that have it
     integer :: argument = 0                  !! which of the element's
     integer :: n = 0                         !! displacement rows on which forces act
     integer :: row(6) = 0                    !! their numbers among all rows
@@ -64,7 +64,7 @@ contains
     end do
   end subroutine list_rows
 
-  !> Curved joints, force elements with a tangent, and those that follow an argument.
+  !> Curved joints, force elements with a tangent, those that follow an argument, and friction of stops that touch.
   subroutine list_laws(r, m, states)
     type(row_lists), intent(inout) :: r
     type(mechanism_model), intent(in) :: m
@@ -73,7 +73,7 @@ contains
     integer, allocatable :: components(:)
     integer, allocatable :: displacement(:, :)       !! (5, markers) row of each component that has one
     integer :: k, j, n
-    allocate (all(size(m%s%constraints) + sum([(1 + m%s%forces(k)%item%motions, k=1, size(m%s%forces))])))
+    allocate (all(size(m%s%constraints) + size(m%s%friction) + sum([(1 + m%s%forces(k)%item%motions, k=1, size(m%s%forces))])))
     allocate (displacement(5, size(m%s%markers)), source=0)
     n = 0
     do k = 1, size(m%s%constraints)
@@ -98,6 +98,17 @@ contains
             if (x%rate) call add_rates(all(n), [x%ia, x%ib], listed(x%acts))
           end associate
         end do
+      end associate
+    end do
+    do k = 1, size(m%s%friction)
+      if (m%s%friction(k)%element == 0) cycle
+      associate (f => m%s%forces(m%s%friction(k)%element)%item)
+        if (states(f%switch_number) == inactive) cycle
+        call add_law(from_friction, k, [f%ia, f%ib], [integer ::], [f%ia, f%ib], f%components())
+        call add_rates(all(n), [f%ia, f%ib], f%rate_components())
+        all(n)%n = 1
+        all(n)%row(1) = m%s%friction(k)%row
+        all(n)%slot(1) = 1
       end associate
     end do
     r%laws = all(1:n)

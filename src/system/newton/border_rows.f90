@@ -5,9 +5,10 @@
 !>   constraint rows    S y = d + Phi
 !>   displacement rows  y_i = sum_j K_ij (d - S y)_j + G_ij y_j
 !>   rate rows          y_j = (d - S y)_j
-!>   rows that are off  y = sum_k slope_k y_k + gap
+!>   rows that are off  y = sum_k slope_k y_k + gap, of a stop's friction  sum_j K_j (d - S y)_j + G_j y_j + gap
 !>
-!> A row that is off holds nothing: its multiplier follows those of its joint's other rows (friction), or is zero.
+!> A row that is off holds nothing: its multiplier follows those of its joint's other rows or the force of its stop (friction), or
+!> is zero.
 !> One banded system in a good ordering of the joint graph (theory.md, section 7).
 module border_rows
   use kinds, only: wp, number
@@ -98,6 +99,9 @@ contains
       if (r%rate_row(i)) r%system%e(:, p) = r%s(:, p)
       r%system%e(0, p) = r%system%e(0, p) + 1.0_wp
     end do
+    do i = 1, size(r%open)
+      if (r%open(i)%off) call leave_open(r, r%open(i))
+    end do
     do k = 1, size(r%laws)
       associate (t => r%laws(k))
         do i = 1, t%n
@@ -113,9 +117,6 @@ contains
           end do
         end do
       end associate
-    end do
-    do i = 1, size(r%open)
-      if (r%open(i)%off) call leave_open(r, r%open(i))
     end do
     r%system%lu = 0.0_wp
     do i = 1, n
@@ -184,6 +185,10 @@ contains
       r%system%x(r%position(i), 1) = r%d(i)
       if (.not. r%rate_row(i)) r%system%x(r%position(i), 1) = 0.0_wp
     end do
+    do k = 1, size(r%open)
+      i = r%open(k)%row
+      if (r%open(k)%off) r%system%x(r%position(i), 1) = r%unit*phi(i)
+    end do
     do k = 1, size(r%laws)
       associate (t => r%laws(k))
         do i = 1, t%n
@@ -193,10 +198,6 @@ contains
           end do
         end do
       end associate
-    end do
-    do k = 1, size(r%open)
-      i = r%open(k)%row
-      if (r%open(k)%off) r%system%x(r%position(i), 1) = r%unit*phi(i)
     end do
     call substitute(r, 1)
     do i = 1, r%n

@@ -4,7 +4,7 @@
 module newton_condensation
   use kinds, only: wp, number
   use body_terms, only: body_equations
-  use border_row_lists, only: from_argument, from_joint
+  use border_row_lists, only: from_argument, from_friction, from_joint
   use border_rows, only: factor_rows
   use condensed_system, only: condensed_matrix, condensed_body
   use constraint, only: marker_stiffness
@@ -14,7 +14,7 @@ module newton_condensation
   use mechanism, only: mechanism_model
   use row_sides, only: side_a, side_b, side_c
   use small_matrices, only: invert3
-  use switched_rows, only: slip_slope
+  use switched_rows, only: slip_slope, stop_slope
   implicit none (type, external)
   private
   public :: add_tangent, condense
@@ -80,7 +80,7 @@ contains
     bad = self%rows%bad
   end subroutine condense
 
-  !> Marker-level tangents of curved joints and of force elements.
+  !> Marker-level tangents of curved joints, of force elements and of their friction.
   subroutine fill_laws(self, m, ev, lambda)
     type(condensed_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
@@ -94,6 +94,10 @@ contains
         if (r%laws(k)%kind == from_joint) then
           call m%s%constraints(i)%item%geometric(ev%p, lambda, p)
           r%k(:, :, k) = p%k
+        else if (r%laws(k)%kind == from_friction) then
+          call stop_slope(m, ev, i, p%k(1, :), p%c(1, :))
+          r%k(1, :, k) = p%k(1, :) + self%c2*p%c(1, :)
+          r%g(1, :, k) = p%c(1, :)
         else
           associate (f => m%s%forces(i)%item)
             if (r%laws(k)%kind == from_argument .and. f%controller > 0) then

@@ -53,7 +53,7 @@ contains
       allocate (r%na(2, n), r%nb(2, n), r%sa(n), r%sb(n), r%sc(n), r%phi(n), r%phi_t(n), r%acceleration_bias(n), source=0.0_wp)
       if (m%s%rows > m%s%permanent_rows) then
         allocate (r%off(n), source=[(k > m%s%permanent_rows, k=1, n)])
-        allocate (r%acceleration(n), source=0.0_wp)
+        allocate (r%acceleration(n), r%pressed(n), source=0.0_wp)
         associate (w => ev%slip)
           allocate (w%start(n), w%b(n), w%x(n), w%f(n), w%law(n), w%slope(2, size(m%s%friction)), w%ab(0, 0), source=0.0_wp)
           w%weighed = w%slope
