@@ -18,6 +18,7 @@ module resting_rows
   integer, parameter :: most_levels = 8      !! each softens a tenth as much as the one before, from 10 to 1e-6
   integer, parameter :: quick_passes = 12    !! of pivots; more are done at last only
   integer, parameter :: keeps = huge(1)      !! a row meets the law
+  integer, parameter :: few_rows = 5         !! whose 3**5 ways are all tried at last
   integer, parameter :: block_passes = 3     !! in which all rows change that break the law, without fewer of them [-]
 
   !> The rows that switch, at an event.
@@ -188,7 +189,32 @@ contains
     ev%softening = 0.0_wp
     call evaluate_states(m, ev, at)
     call sort_rows(m, ev, at, x, quick_passes + 8*size(x%rests), ok)
+    if (.not. ok) call try_all(m, ev, at, x, ok)
   end subroutine solve
+
+  !> Where friction presses its own joint so hard that pivots lead to and fro: all ways in which few rows can hold.
+  subroutine try_all(m, ev, at, x, ok)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(inout) :: ev
+    type(motion_state), intent(in) :: at
+    type(resting_set), intent(in) :: x
+    logical, intent(out) :: ok
+    integer :: k, way, rest
+    ok = .false.
+    if (count(x%rests) > few_rows) return
+    do way = 0, 3**count(x%rests) - 1
+      rest = way
+      do k = 1, size(x%rests)
+        if (.not. x%rests(k)) cycle
+        call set_relation(m, ev, x, k, merge((mod(rest, 3) - 1)*row_at_limit, merge(row_stuck, row_unloaded, mod(rest, 3) == 1), &
+                                             x%side(k) == 0))
+        rest = rest/3
+      end do
+      call evaluate_states(m, ev, at)
+      call sort_rows(m, ev, at, x, 1, ok)
+      if (ok) return
+    end do
+  end subroutine try_all
 
   !> Pivots, and what breaks away after them.
   subroutine sort_rows(m, ev, at, x, passes, ok)

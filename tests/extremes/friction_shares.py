@@ -161,7 +161,7 @@ def judge(number: int) -> tuple[int, str, float]:
 
 
 def main() -> int:
-    """Judge the sets; the exit status says whether 99 of 100 agree and none is held wrongly."""
+    """Judge the sets; the exit status says whether all agree."""
     first, last = (int(x) for x in (sys.argv[1:] + ["1", "500"][len(sys.argv) - 1 :]))
     with ThreadPoolExecutor() as pool:
         rows = list(pool.map(judge, range(first, last + 1)))
@@ -174,7 +174,7 @@ def main() -> int:
         if not same:
             print(f"set {number}: {found}, limits exceeded by {excess:.3e} of the force at least")
     print(f"{len(rows)} sets, {held} can be held, {agree} agree, {wrong} held wrongly")
-    return int(wrong > 0 or agree < 0.99 * len(rows))
+    return int(agree < len(rows))
 
 
 if __name__ == "__main__":

@@ -62,7 +62,7 @@ def test_every_case_of_the_implicit_methods_is_as_stated(family, method, biela):
     assert all(row.passed for row in rows), text([row for row in rows if not row.passed], 0, 0.0)
 
 
-@pytest.mark.parametrize(("number", "state"), [(9, "moves"), (40, "held"), (203, "moves")])
+@pytest.mark.parametrize(("number", "state"), [(9, "moves"), (40, "held"), (203, "moves"), (221, "moves")])
 def test_friction_holds_where_a_search_finds_shares(number, state, biela):
     assert biela.exists()
     _, found, excess = friction_shares.judge(number)
