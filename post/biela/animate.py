@@ -160,36 +160,26 @@ def film(scene: Mechanism, frames: int) -> list[Image.Image]:
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         still = canvas.copy_from_bbox(figure.bbox)
-        images = []
+        images, line = [], Progress()
         for row, since in zip(rows, [0, *rows]):
             canvas.restore_region(still)
             picture.show(row, since)
             for artist in picture.moving:
                 axis.draw_artist(artist)
-            Progress.of_program().show("frames", len(images) + 1, len(rows))
+            line.show("frames", len(images) + 1, len(rows))
             images.append(Image.fromarray(np.array(canvas.buffer_rgba())).convert("RGB"))
+    line.clear()
     return images
 
 
-def snapshot_rows(scene: Mechanism, pictures: int) -> np.ndarray:
-    """Return rows evenly spread over time; those between the ends move to the nearest contact, less than half their distance."""
-    last = len(scene.time) - 1
-    rows = np.linspace(0, last, pictures).round().astype(int)
-    struck = np.unique(np.searchsorted(scene.time, np.concatenate([np.zeros(0), *(stop.struck for stop in scene.stops)])))
-    for k in range(1, pictures - 1):
-        near = struck[2 * pictures * np.abs(struck - rows[k]) < last] if len(struck) else struck
-        if len(near):
-            rows[k] = near[np.argmin(np.abs(near - rows[k]))]
-    return rows
-
-
 def sheet(scene: Mechanism, pictures: int = 6, title: str = "") -> Figure:
-    """Return a figure of that many snapshots, evenly spread over time but where a stop is struck nearby: then of that moment."""
+    """Return a figure of that many snapshots, evenly spread over time; stops that were touched since the one before are red."""
     corners = scene.extent()
     with mpl.rc_context(SHEET_LOOK):
         figure, axes = panels_to_scale(pictures, *corners, 0.15, title)
-        for axis, row in zip(axes, snapshot_rows(scene, pictures)):
-            Picture(axis, scene, corners, named=axis is axes[0]).show(row, max(row - 1, 0))
+        rows = np.linspace(0, len(scene.time) - 1, pictures).round().astype(int)
+        for axis, row, since in zip(axes, rows, [0, *rows]):
+            Picture(axis, scene, corners, named=axis is axes[0]).show(row, since)
     return figure
 
 
@@ -239,8 +229,6 @@ def animate(args: argparse.Namespace) -> int:
         add_trace(scene, name)
     note = f"deflections × {args.exaggerate:g}" if args.exaggerate != 1.0 else ""
     stem = args.output or motion.path.parent / "motion"
-    line = Progress.begin()
     paths = write(scene, stem, args.frames, args.seconds, args.pictures, note, args.mp4)
-    line.clear()
     print("wrote " + " and ".join(map(str, paths)))
     return 0

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Callable, NoReturn
 
+from .progress import Progress
 from .result_files import BielaError
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
     try:
         return work()
     except BielaError as fault:
+        Progress().clear()
         print(f"{tool}: {fault}", file=sys.stderr)
         return failed
 

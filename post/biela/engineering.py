@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from .deck import Deck
 from .histories import History
@@ -216,12 +215,6 @@ def modulus_picture(name: str, law: Material, band: tuple[float, float], frequen
 
 DAMPING = "materials and dampers"
 GROUPS = {DAMPING: COLOURS[0], "friction": COLOURS[1], "stops": COLOURS[3]}  # from the bottom to the top
-MOST_BARS = 12
-
-
-def group_of(cause: str) -> str:
-    """Return to which of the groups a cause belongs."""
-    return "stops" if cause.startswith("stop ") else "friction" if cause.startswith("friction ") else DAMPING
 
 
 def parts(table: History) -> dict[str, np.ndarray]:
@@ -232,31 +225,16 @@ def parts(table: History) -> dict[str, np.ndarray]:
     return {name: found[name] for name in GROUPS if name in found and np.abs(found[name]).max() > rounding}
 
 
-def loss_picture(table: History, transient: dict) -> Figure | None:
-    """Draw the energies lost over time, one on top of the other, and what each cause has taken by the end; None without losses."""
+def loss_picture(table: History) -> Figure | None:
+    """Draw the energies lost over time, one on top of the other; None without losses."""
     shown = parts(table)
-    causes = sorted(((sum(each.values()), cause) for cause, each in losses(table, transient).items()), reverse=True)[:MOST_BARS]
-    if not shown or not causes:
+    if not shown:
         return None
     total = float(table["dissipated"][-1])
     with mpl.rc_context(LOOK):
-        size = (8.0, max(2.6, 1.1 + 0.28 * len(causes)))
-        figure, (left, right) = subplots(1, 2, figsize=size, width_ratios=(1.0, 1.0))
-        left.stackplot(table.time, *shown.values(), colors=[GROUPS[name] for name in shown], linewidth=0)
-        left.margins(x=0.0)
-        left.set_xlabel("t [s]")
-        left.set_ylabel("energy lost [J]")
-        heights = np.arange(len(causes))[::-1]
-        right.barh(heights, [energy for energy, _ in causes], color=[GROUPS[group_of(cause)] for _, cause in causes])
-        right.set_yticks(heights, [cause for _, cause in causes])
-        for height, (energy, _) in zip(heights, causes):
-            words = f" {energy:.3g} J, {100.0 * energy / total:.3g} %" if total > 0.0 else f" {energy:.3g} J"
-            right.annotate(words, (max(energy, 0.0), height), va="center", fontsize=8)
-        right.margins(x=0.45)
-        right.set_xlim(left=min(0.0, *(energy for energy, _ in causes)))
-        right.set_xlabel("lost by the end [J]")
-        right.grid(visible=False, axis="y")
-        handles = [Rectangle((0, 0), 1, 1, color=GROUPS[name]) for name in shown]
+        figure, axis = subplots(figsize=(8.0, 2.8))
         words = [f"{name}: {100.0 * energy[-1] / total:.3g} %" if total > 0.0 else name for name, energy in shown.items()]
-        figure.legend(handles, words, loc="outside upper center", ncols=len(shown))
+        axis.stackplot(table.time, *shown.values(), colors=[GROUPS[name] for name in shown], linewidth=0, labels=words)
+        axis.set(xlabel="t [s]", ylabel="energy lost [J]", xmargin=0.0)
+        figure.legend(loc="outside upper center", ncols=len(shown))
     return figure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def figures(value: object) -> object:
 
 
 class Tabular:
-    """A result with a table: `head` and `rows`."""
+    """A result with a table, `head` and `rows`; notebooks show its `report` where it has one."""
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return the table, units in the names of the columns."""
@@ -47,4 +48,5 @@ class Tabular:
         return pandas.DataFrame(self.rows, columns=list(self.head))
 
     def _repr_html_(self) -> str:
-        return self.to_dataframe().to_html(max_rows=20)
+        report = getattr(self, "report", None)
+        return f"<pre>{html.escape(chr(10).join(report))}</pre>" if report else self.to_dataframe().to_html(max_rows=20)

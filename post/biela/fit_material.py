@@ -11,13 +11,10 @@ from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 
 from . import material_data
-from .command import call_solver
-from .deck import Group, where_of
+from .deck import Group
 from .deck import read as read_deck
 from .master_curve import MasterCurve, master_curve
 from .material_data import DataError, Measurements
@@ -25,7 +22,6 @@ from .material_fit import NEAR, Fit, choose_terms, fit, relative_error, rms
 from .material_law import GHM_KEYS, MAXWELL_KEYS, SHIFT_KEYS, Material, moved, of_group, shift_keys
 from .picture_files import FORMATS, save, stem_of, subplots
 from .plot import COLOURS, LOOK
-from .progress import Progress
 from .result_files import writing
 
 if TYPE_CHECKING:
@@ -47,7 +43,6 @@ class Options:
     fastest_pole: float | None = None  # bound of the terms' poles [1/s]; None: a decade above the band
     name: str | None = None  # of the material; None: that of the table's file
     density: float | None = None  # that the deck's lines state [kg/m3]
-    source_note: str = ""  # where the data come from, for the deck's comment
     band: tuple[float, float] | None = None  # frequencies that are used [Hz]; None: all
     # names of columns that are not the usual ones, by what they hold (the keys of `material_data.USUAL`)
     columns: dict[str, str] = field(default_factory=dict)
@@ -205,7 +200,7 @@ def picture(material: Material, title: str, band: tuple[float, float], points: l
         figure, axes = subplots(3, 1, figsize=(8.0, 8.2), sharex=True)
         for k, (label, frequency, modulus) in enumerate(points):
             look = dict(marker=MARKS[k % len(MARKS)], linestyle="none", markersize=4, color=colours[k % len(colours)])
-            axes[0].plot(frequency, modulus.real, label=None if many else label, **look)
+            axes[0].plot(frequency, modulus.real, label=label, **look)
             axes[1].plot(frequency, modulus.imag / modulus.real, **look)
             axes[2].plot(frequency, modulus.imag, **look)
         axes[0].plot(wide, curve.real, color="black", label=law_of(material))
@@ -222,31 +217,13 @@ def picture(material: Material, title: str, band: tuple[float, float], points: l
             axis.margins(x=0.02)
         losses = np.concatenate([curve.imag, *(modulus.imag for _, _, modulus in points)])
         axes[2].set_ylim(losses.min() / 3.0, losses.max() * 1.5)  # terms far below the sum do not matter
-        for axis in (axes[0], axes[2]):
+        for axis in (axes[2],) if many else (axes[0], axes[2]):
             axis.legend(ncols=5, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
         axes[2].set_xlabel("frequency [Hz]")
-        if many:  # a bar that names every temperature
-            ends = BoundaryNorm(np.arange(len(points) + 1) - 0.5, len(points))
-            bar = figure.colorbar(ScalarMappable(ends, ListedColormap(colours)), ax=axes, ticks=range(len(points)), aspect=50)
-            bar.ax.set_yticklabels([label for label, _, _ in points], fontsize=8)
-            bar.ax.minorticks_off()
+        if many:
+            figure.legend(handles=axes[0].lines, loc="outside lower center", ncols=8, fontsize=8)
         figure.suptitle(title)
     return figure
-
-
-def stable_steps(path: Path, name: str | None, material: Material, biela: Path) -> list[str]:
-    """Return what the solver says of the explicit steps of a deck whose material of that name gets the terms; DataError."""
-    group = read_deck(path, biela=biela).one("material", (name or "").lower())
-    values = dict.fromkeys((*GHM_KEYS, *MAXWELL_KEYS, "ghm_frequency_scale"), "") | material.assignments()
-    words = [word for key, value in values.items() for word in ("--set", f"{where_of(group)}{key}={value}")]
-    done = call_solver(biela, "--check", *words, path)
-    if done.returncode == 2:
-        message = (done.stderr.strip() or done.stdout).splitlines()[0]
-        raise DataError(f"{path}: with the fitted terms the solver says: {message}")
-    lines = done.stdout.splitlines()
-    first = next((k for k, line in enumerate(lines) if line.startswith("stable steps")), len(lines))
-    bounds = [line for line in lines[first : first + 8] if line.startswith("stable") or "bound" in line or "limited" in line]
-    return [f"{path}, material {group.word('name')!r}:", *bounds]
 
 
 def shifted(options: Options, data: Measurements) -> tuple[MasterCurve | None, list[str]]:
@@ -354,7 +331,7 @@ def fitted(
     material = found.material
     worst = float(relative_error(material, frequency, modulus).max())
     notes = [
-        f"{law_of(material)} fitted to {options.source_note or source.name}, {frequency.size} rows, {band[0]:g} to {band[1]:g} Hz",
+        f"{law_of(material)} fitted to {source.name}, {frequency.size} rows, {band[0]:g} to {band[1]:g} Hz",
         f"relative error |E_fit/E - 1|: {100 * found.error:.3g} % rms, {100 * worst:.3g} % at most; by decade:",
         *(f"  {line}" for line in errors_by_decade(material, frequency, modulus)),
         "outside that band the terms extrapolate: nothing is claimed there",
@@ -375,21 +352,17 @@ def work(args: argparse.Namespace) -> int:
     """Do what the command line asks: print the lines of the fit, write and draw them; or draw a deck's material."""
     columns = {quantity: name for quantity in material_data.USUAL if (name := getattr(args, f"column_{quantity}"))}
     options = Options(columns=columns, **{one.name: getattr(args, one.name) for one in fields(Options) if one.name != "columns"})
-    line = Progress.begin()
     if args.source.suffix != ".nml":
         found = fit_table(args.source, options)
     elif args.law or args.terms:
         found = convert(args.source, options, args.biela)
     else:
         return show_material(args)
-    line.clear()
     print(found.text, end="")
     for words in found.warnings:
         print(f"{args.source}: warning: {words}", file=sys.stderr)
     stem = args.output or args.source.with_name(f"{args.source.stem}_fit")
     drawn, lines = write(found, stem)
-    if args.deck:
-        print("\n".join(["", *stable_steps(args.deck, args.name, found.material, args.biela)]))
     print(f"\nwrote {lines} and {drawn}", file=sys.stderr)
     return 0
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import html
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -111,9 +110,6 @@ class Identified(Tabular):
 
         return draw_identified(self.study, self.best, self.units)
 
-    def _repr_html_(self) -> str:
-        return "<pre>" + html.escape("\n".join(self.report)) + "</pre>"
-
 
 def identify(options: StudyOptions) -> Identified:
     """Find the parameters and write table.csv and identified.nml; BielaError where the study cannot be run or has no data."""
@@ -218,7 +214,7 @@ class _Search:
 
 def work(args: argparse.Namespace) -> int:
     """Identify, print and draw; returns 0, or 1 where there is something that the data do not tell."""
-    found = identify(replace(options_of(args, StudyOptions), shown=True))
+    found = identify(options_of(args, StudyOptions))
     print("\n".join(found.report))
     print(f"table, deck: {found.folder}/table.csv, identified.nml")
     if not args.no_pictures:

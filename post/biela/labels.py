@@ -90,4 +90,4 @@ def write(axis: Axes, labels: list[Label]) -> list[Text]:
         for artist in filter(None, [*texts, *leaders]):
             artist.remove()
         figure.set_size_inches(*size)
-        figure.set_layout_engine("constrained")
+        figure.placed = False

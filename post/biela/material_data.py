@@ -54,7 +54,7 @@ class Measurements:
 
     def name(self, temperature: float) -> str:
         """Return a temperature [K] as the table would state it."""
-        return f"{temperature - self.zero:.4g} {'C' if self.zero else 'K'}"
+        return f"{round(temperature - self.zero, 6) + 0.0:.4g} {'C' if self.zero else 'K'}"
 
 
 def read(path: Path, names: dict[str, str] | None = None, units: str = "", tolerance: float = 0.5) -> Measurements:

@@ -175,11 +175,12 @@ def choose_terms(kind: str, frequency: np.ndarray, modulus: np.ndarray, fastest:
     """
     rows = 2 * frequency.size
     per_term = 2 if kind == "maxwell" else 3
-    tried, scatter = [], []
+    tried, scatter, line = [], [], Progress()
     for terms in range(1, max(1, min(most, (rows - 2) // per_term)) + 1):
-        Progress.of_program().show(f"terms of {kind}", terms, most)
+        line.show(f"terms of {kind}", terms, most)
         tried.append(fit(kind, terms, frequency, modulus, fastest))
         scatter.append(tried[-1].error * np.sqrt(rows / max(rows - 1 - per_term * terms, 1)))
         if tried[-1].error <= target:
-            return tried[-1]
-    return next(one for one, size in zip(tried, scatter) if size <= NEAR * min(scatter))
+            break
+    line.clear()
+    return tried[-1] if tried[-1].error <= target else next(one for one, size in zip(tried, scatter) if size <= NEAR * min(scatter))

@@ -99,8 +99,8 @@ def shift_factor(law: str, constants: np.ndarray, temperature: np.ndarray, refer
 def shift_keys(law: str, constants: np.ndarray, reference: float, temperature: float | None) -> str:
     """Return what a deck says of a law of temperature; temperatures in kelvin, None where the deck's reader states it."""
     said = f"wlf={constants[0]:.6g},{constants[1]:.6g}" if law == "wlf" else f"arrhenius={constants[0] * 1.0e3:.6g}"
-    at = "" if temperature is None else f" temperature={temperature - ZERO:.7g}"
-    return f" {said} reference_temperature={reference - ZERO:.7g}{at}"
+    at = "" if temperature is None else f" temperature={round(temperature - ZERO, 6) + 0.0:.7g}"
+    return f" {said} reference_temperature={round(reference - ZERO, 6) + 0.0:.7g}{at}"
 
 
 def moved(group: Group, deck: Deck) -> tuple[float, float]:

@@ -19,6 +19,7 @@ from .result_files import HistoryError
 
 NODE = re.compile(r"(?P<body>.+)\.(?P<node>\d+)\.x")
 PER_ELEMENT = 8
+SMOOTH = 1000  # points that are a smooth line by themselves
 
 
 @dataclass
@@ -225,15 +226,11 @@ def spline(nodes: np.ndarray) -> np.ndarray:
 
     Written out, because to load a library for it takes longer than the picture.
     """
-    bend = 6.0 * np.diff(nodes, 2, axis=0)  # right-hand sides of the second derivatives; row k: m[k-1] + 4 m[k] + m[k+1]
-    pivot = np.full(len(bend), 4.0)
-    for k in range(1, len(bend)):
-        pivot[k] -= 1.0 / pivot[k - 1]
-        bend[k] -= bend[k - 1] / pivot[k - 1]
-    for k in range(len(bend) - 1, -1, -1):
-        bend[k] = (bend[k] - (bend[k + 1] if k + 1 < len(bend) else 0.0)) / pivot[k]
-    second = np.concatenate([np.zeros((1, 2)), bend, np.zeros((1, 2))])[:, None]
-    points = nodes[:, None]
+    ones = np.eye(len(nodes) - 2)
+    second = np.zeros_like(nodes)
+    shifted = np.eye(len(ones), k=1)
+    second[1:-1] = np.linalg.solve(4.0 * ones + shifted + shifted.T, 6.0 * np.diff(nodes, 2, axis=0))
+    second, points = second[:, None], nodes[:, None]
     right = (np.arange(PER_ELEMENT) / PER_ELEMENT)[:, None]
     left = 1.0 - right
     inner = left * points[:-1] + right * points[1:] + ((left**3 - left) * second[:-1] + (right**3 - right) * second[1:]) / 6.0
@@ -433,4 +430,5 @@ def add_trace(scene: Mechanism, name: str) -> None:
     if marker is None:
         known = ", ".join([*scene.sensors, *(f"{key}.1" if len(b.rest) else key for key, b in scene.bodies.items())])
         raise HistoryError(f"no marker {name!r} to trace; there are {known}")
-    scene.traces.append(spline(np.array([scene.position(marker, row) for row in range(len(scene.time))])))
+    path = np.array([scene.position(marker, row) for row in range(len(scene.time))])
+    scene.traces.append(spline(path) if len(path) < SMOOTH else path)

@@ -285,7 +285,7 @@ def optimise(options: StudyOptions) -> Optimum:
 
 def work(args: argparse.Namespace) -> int:
     """Search, print and draw; returns 0, or 1 where no design meets all limits."""
-    found = optimise(replace(options_of(args, StudyOptions), shown=True))
+    found = optimise(options_of(args, StudyOptions))
     tell("optimise", found.warnings)
     print("\n".join(found.report))
     print(f"history, optimum: {found.folder}/history.csv, optimum.json, optimum.nml")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 
 from .derivatives import Derivatives
 from .design_runs import Design, Space
-from .design_search import SAME, Goal, Search
+from .design_search import Goal, Search
 from .figures import Figures, Tabular
 from .sweep_study import Study
 
@@ -137,33 +136,7 @@ class Optimum(Tabular):
         for k, one in enumerate(self.space.free):
             if not missed and self.slopes is not None and min(self.position[k], 1.0 - self.position[k]) <= ACTIVE:
                 lines.append(f"  {one.name} is at its {'lower' if self.position[k] < 0.5 else 'upper'} end")
-        lines += self._ends()
-        value, good = self.best.values[goal.column], [k + 1 for k, one in enumerate(self.made) if not goal.violation(one)]
-        at = next((k for k in good if abs(self.made[k - 1].values[goal.column] - value) <= 1.0e-3 * abs(value)), 0)
-        if at:
-            lines.append(f"  within 0.1 % of the best after {at} runs")
         return lines + [f"  note: {words}" for words in self.notes]
-
-    def _ends(self) -> list[str]:
-        """Return how the searches ended: at which optima."""
-        goal, ends = self.goal, []
-        for one in self.searches:
-            if one.best is None or one.ended.startswith("another") or one.central or goal.violation(one.best):
-                continue
-            position, choice = position_of(self.space, one.best)
-            if all(choice != other or np.abs(position - there).max() > SAME for there, other, _ in ends):
-                ends.append((position, choice, one.best.values[goal.column]))
-        count = len([one for one in self.searches if not one.central])
-        if not count:
-            return []
-        ordered = sorted((value for *_, value in ends), key=lambda value: goal.sign * value)
-        values = ", ".join(f"{value:.6g}" for value in ordered[:7])
-        several = "1 search" if count == 1 else f"{count} searches"
-        return [f"  {several} ended at {len(ends)} optim{'um' if len(ends) == 1 else 'a'}: {self.names[goal.column]} = {values}"] \
-            if ends else [f"  {several}, none of which met all limits"]  # fmt: skip
-
-    def _repr_html_(self) -> str:
-        return "<pre>" + html.escape("\n".join(self.report)) + "</pre>"
 
 
 def _finite(value: float) -> float | None:

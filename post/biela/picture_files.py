@@ -19,19 +19,20 @@ RAISED = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 class Drawing(Figure):
     """A figure that notebooks show. It belongs to no window, unlike those of pyplot, which takes long to load."""
 
-    def __init__(self, **how: object) -> None:
-        super().__init__(**how, layout="constrained")
+    placed = False
 
     def lay_out(self) -> None:
-        """Place what it holds, once: matplotlib would lay out and draw all of it a second time when it is written."""
+        """Place what it holds, once, below and above its legends: the constrained layout would measure all of it twice."""
         for axis in (one for axes in self.axes for one in (axes.xaxis, axes.yaxis)):
             if isinstance(axis.get_major_formatter(), LogFormatterMathtext):
                 axis.set_major_formatter(PlainLog())
             if isinstance(axis.get_minor_formatter(), LogFormatterMathtext):
                 axis.set_minor_formatter(PlainLog())
-        if engine := self.get_layout_engine():
-            engine.execute(self)
-            self.set_layout_engine(None)
+        if not self.placed:
+            extents = [legend.get_window_extent().transformed(self.transFigure.inverted()) for legend in self.legends]
+            low = max((one.y1 for one in extents if one.y0 < 0.5), default=0.0)
+            self.tight_layout(rect=(0.0, low, 1.0, min((one.y0 for one in extents if one.y0 >= 0.5), default=1.0)))
+            self.placed = True
 
     def savefig(self, *args: object, **how: object) -> None:
         """Write it, laid out."""

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .histories import Event, History, common_still, read, read_events
+from .histories import History, common_still, read, read_events
 from .picture_files import save, subplots
 from .result_files import RESULT_FILES, HistoryError
 
@@ -26,6 +26,7 @@ PATH = (3.0, 6.0)  # sides of a panel that is drawn to scale [inch]
 THINNED = 1200  # parts of a column, more than a panel has dots across
 MOST_PANELS = 24  # of one picture
 ONE_COLUMN = 5  # more panels stand in two columns
+LOOSE = ("open", "forward", "backward", "carried")  # states of stops and joints after an event that holds nothing
 LOOK = {
     "font.size": 10,
     "axes.grid": True,
@@ -260,50 +261,23 @@ def chosen_columns(runs: list[History], patterns: list[str] | None, against: str
     return [name for name in names if name not in constant] or names, idle + (constants if len(constant) < len(names) else [])
 
 
-def what_happens(event: Event) -> str:
-    """Return what an event is called in a legend."""
-    if event.after == "stuck":
-        return "joint sticks"
-    if event.after in ("forward", "backward", "carried"):
-        return "joint slips"
-    if event.after.endswith("_rebound"):
-        return "stop rebounds"
-    return "stop touches" if event.before == "open" else "stop opens or lets go"
-
-
-EVENT_STYLES = {
-    "stop touches": "-",
-    "stop opens or lets go": ":",
-    "stop rebounds": (0, (8, 2)),
-    "joint sticks": "--",
-    "joint slips": "-.",
-}
-
-
 def mark_events(figure: Figure, runs: list[History]) -> int:
-    """Mark the events of the runs in all panels by lines that the legend names. Return how many there are."""
-    count, seen = 0, set()
+    """Mark the events of the runs in all panels, by dots what lets go. Return how many there are."""
+    count, handles = 0, [handle for legend in figure.legends for handle in legend.legend_handles]
     for k, run in enumerate(runs):
         events = read_events(run.path.parent)
         count += len(events)
         colour = COLOURS[k % len(COLOURS)] if len(runs) > 1 else "#b0126e"
-        for axis in figure.axes:
-            if not axis.lines:
-                continue
-            room = axis.get_xlim()
-            for kind, style in EVENT_STYLES.items():
-                times = [event.time for event in events if what_happens(event) == kind and room[0] <= event.time <= room[1]]
-                if times:
-                    seen.add(kind)
-                across = axis.get_xaxis_transform()
-                marks = axis.vlines(times, 0.0, 1.0, colour, style, lw=0.6, alpha=0.5, zorder=1, transform=across)
-                marks.set_in_layout(False)
-    colour = "#444444" if len(runs) > 1 else "#b0126e"
-    handles = [Line2D([], [], color=colour, ls=style, lw=1.0, label=kind) for kind, style in EVENT_STYLES.items() if kind in seen]
+        for kind, style in (("touches or sticks", "-"), ("lets go or slips", ":")):
+            times = [one.time for one in events if (one.after in LOOSE) == (style == ":")]
+            for axis in figure.axes if times else ():
+                ends = axis.get_xlim()
+                axis.vlines(times, 0.0, 1.0, colour, style, lw=0.6, alpha=0.5, zorder=1, transform=axis.get_xaxis_transform())
+                axis.set_xlim(ends)
+            handles += [Line2D([], [], color=colour, ls=style, lw=1.0, label=kind)] if times else []
+    for legend in figure.legends[:]:
+        legend.remove()
     if handles:
-        for legend in figure.legends[:]:
-            handles = [*legend.legend_handles, *handles]
-            legend.remove()
         figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
     return count
 

@@ -14,6 +14,7 @@ from typing import Callable
 
 from . import command
 from .command import count, finite, positive
+from .progress import Progress
 from .result_files import RESULT_FILES, TABLES
 
 QUANTITIES = ("frequency", "storage", "loss", "factor", "temperature", "set")  # columns of a table, of material_data.USUAL
@@ -65,6 +66,7 @@ class Program:
         parser = Parser(self.name, self.text)
         self.options(parser)
         args = parser.parse_args(words)
+        Progress.shown = not getattr(args, "quiet", False)
         module, function = self.work.split(".")
         do = getattr(importlib.import_module(f".{module}", __package__), function)
         return command.attempt(self.name, lambda: do(args), self.failed)
@@ -296,10 +298,8 @@ def fit_material(p: Parser) -> None:
     p.add("--fastest-pole", type=float, metavar="1/s", help="bound of the terms' poles (a decade above the band)")
     p.add("--name", help="name of the material: printed, or picked from MATERIAL.nml")
     p.add("--density", type=float, metavar="KG/M3", help="density that the printed lines state")
-    p.add("--source-note", default="", metavar="TEXT", help="where the data come from, for the printed comment")
     p.add("--output", type=Path, metavar="STEM", help="STEM.nml and STEM.png; STEM.pdf: PDF (beside the source)")
     p.add("--band", nargs=2, type=float, metavar=("LOW", "HIGH"), help="frequencies used [Hz]")
-    p.add("--deck", type=Path, help="a deck: tells its stable steps with the fitted terms in its material NAME")
     table = p.add_argument_group("the table")
     for quantity in QUANTITIES:
         option = "--temperature-column" if quantity == "temperature" else f"--{quantity}"
@@ -326,7 +326,7 @@ def sweep(p: Parser) -> None:
     p.add_study("sweep")
     p.add("--best", metavar="'min NAME'", help="name the best run: 'min' or 'max' and a result")
     p.add("--where", action="append", default=[], metavar="'NAME < VALUE'", help="condition of the best")
-    p.add("--keep", action="store_true", help="keep all decks and results, with all their sensors")
+    p.add("--keep", action="store_true", help="run all anew; keep decks and results in runs/, with all their sensors")
 
 
 @program("optimise_work.work")
@@ -383,8 +383,8 @@ def tradeoff(p: Parser) -> None:
       work_precision.png   error against seconds
       journal.jsonl        all runs: an interrupted study goes on from there
 
-    The truth is the deck's own model by passes of the solver until they agree (accuracy=, --truth deck), or that on refined meshes
-    (--truth refined: nodal coordinates, axial deformation); materials, loads and rigid bodies are taken as they are.
+    The truth is the deck's own model by passes of the solver until they agree (accuracy=); what its meshes and modes err by is told
+    by check_mesh and check_reduction in its &transient.
 
     Exit status: 0 recommended.nml meets the tolerance, 1 nothing does (within the budget), 2 the deck or the command line is wrong.
 
@@ -396,7 +396,6 @@ def tradeoff(p: Parser) -> None:
     p.add("--sensor", nargs="+", default=[], metavar="NAME", help="sensors or columns (tip.v) to get right (all)")
     p.add("--tolerance", type=positive, default=1.0e-3, help="largest error over the range (%(default)g)")
     p.add("--budget", **seconds, default=math.inf, help="of a recommended run at most (any)")
-    p.add("--truth", choices=["deck", "refined"], default="deck", help="measures errors (%(default)s)")
     p.add("--methods", nargs="+", choices=METHODS, default=list(METHODS), help="methods that are tried (all)")
     p.add("--output", type=Path, help="folder (results/tradeoff/<deck name>)")
     p.add("--jobs", type=count, default=os.cpu_count() or 1, help="runs at a time (%(default)s)")

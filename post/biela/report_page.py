@@ -299,8 +299,8 @@ def energy(run: Run) -> Part | None:
     if table is None:
         return None
     shown = [name for name in table.names[1:] if np.any(table[name])]
-    lost = engineering.loss_picture(table, run.figures.get("transient", {}))
-    pictures = [embed(lost, f"{run.label}: energy lost over time, and by what")] if lost else []
+    lost = engineering.loss_picture(table)
+    pictures = [embed(lost, f"{run.label}: energy lost over time")] if lost else []
     named = f"{run.label}: energies, their residual, openings of joints"
     return Part(pictures=pictures + column_pictures([table], [run.label], shown, named))
 
@@ -376,10 +376,11 @@ def sections(runs: list[Run], study: Path | None) -> list[Section]:
         lambda: side_by_side("Stable steps", runs, "stable_steps"),
         lambda: each(title, runs, lambda run: Part(text=run.figures["deck_text"])),
     ]  # fmt: skip
-    found = []
+    found, line = [], Progress()
     for number, make in enumerate(makers, 1):
-        Progress.of_program().show("sections", number, len(makers))
+        line.show("sections", number, len(makers))
         found.append(make())
+    line.clear()
     return [section for section in found if section]
 
 
@@ -436,8 +437,6 @@ def report(
 
 def work(args: argparse.Namespace) -> int:
     """Write the page and say where it is; raises HistoryError."""
-    line = Progress.begin()
     found = report(args.runs, args.labels, args.title or "", args.tradeoff, args.start, args.end)
-    line.clear()
     print(f"wrote {found.save(args.output or args.runs[0] / 'report.html')}")
     return 0

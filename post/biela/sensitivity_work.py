@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -134,7 +134,7 @@ def sensitivity(options: StudyOptions) -> Sensitivity:
 def work(args: argparse.Namespace) -> int:
     """Print and draw the sensitivities; returns 0, or 1 where the design itself fails."""
     try:
-        found = sensitivity(replace(options_of(args, StudyOptions), shown=True))
+        found = sensitivity(options_of(args, StudyOptions))
     except FailedDesignError as fault:
         print(fault)
         return 1

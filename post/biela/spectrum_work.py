@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -113,19 +112,6 @@ def decay(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, dict[str, f
     found["damping_ratio"] = decrement / np.hypot(decrement, 2.0 * np.pi)
     found["start"] = float(np.exp(start)) / np.cosh(0.25 * decrement)  # the envelope between two turning points
     return turns, found
-
-
-def nearest_mode(folder: Path, frequency: float) -> str:
-    """Return what modes.txt beside the run says of the vibration nearest to a frequency [Hz], '' where there is none."""
-    if not (folder / "modes.txt").is_file():
-        return ""
-    modes = read(folder, "modes")
-    damped = np.flatnonzero(modes["kind"] == 1)
-    if not damped.size:
-        return ""
-    k = damped[np.argmin(np.abs(modes["frequency"][damped] - frequency))]
-    found = f"mode {int(modes['mode'][k])} at {modes['frequency'][k]:.4g} Hz"
-    return f"modes.txt: {found} with damping ratio {modes['damping_ratio'][k]:.4g}"
 
 
 def last_visible(size: np.ndarray) -> int:
@@ -323,9 +309,6 @@ def draw_decay(run: History, names: list[str]) -> Figure:
             words += f"damping ratio {found['damping_ratio']:.4g}, decay {found['rate']:.4g} 1/s"
             axis.set_title(words, fontsize=9)
             print(words)
-            beside = nearest_mode(run.path.parent, found["frequency"])
-            if beside:
-                print(f"  {beside}")
         axes[-1, 0].set_xlabel("t [s]")
     return figure
 

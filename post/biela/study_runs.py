@@ -22,6 +22,7 @@ from .sweep_study import Study, StudyOptions
 
 FOLDER = Path(__file__).resolve().parents[1]  # of the package
 BATCH = 50
+RUNNING = "running"  # folder of runs that are under way; what is in it at the start of a study was killed
 
 
 class Journal:
@@ -62,11 +63,8 @@ def _entry(line: str, results: int) -> dict | None:
     """Return the run that a line of a journal tells, None where it is damaged."""
     try:
         entry = json.loads(line)
-        values, units, reason = entry["values"], entry["units"], entry["reason"]
-        numbers = [float(value) for value in values]
-        strings = (isinstance(word, str) for word in (entry["key"], reason, *units))
-        count = 0 if reason else results
-        return entry if all(strings) and len(numbers) == len(units) == count else None
+        count = 0 if entry["reason"] else results
+        return entry if isinstance(entry["key"], str) and len(entry["values"]) == len(entry["units"]) == count else None
     except (ValueError, KeyError, TypeError, RecursionError):
         return None
 
@@ -105,9 +103,9 @@ def batches(
         parts = [range(k, min(k + row, len(runs))) for k in range(0, len(runs), row) if {*wanted} & {*range(k, k + row)}]
     for part in parts:
         some = {number: (*runs[number], *common) for number in part}
-        keep = str(folder / "runs") if options.keep else None
-        how = study.extremes, study.check, study.measured, options.longest, study.follow
-        yield Batch(str(options.biela.resolve()), str(study.deck), some, study.scalars, keep, *how)
+        own = folder / "runs" if options.keep else folder / RUNNING / f"{part[0]:06d}"
+        how = options.keep, study.extremes, study.check, study.measured, options.longest, study.follow
+        yield Batch(str(options.biela.resolve()), str(study.deck), some, study.scalars, str(own.resolve()), *how)
 
 
 def executor(options: StudyOptions) -> Executor:
@@ -156,31 +154,20 @@ def rows_of(future: Future) -> list[Row]:
         raise HistoryError(f"a worker does not go on ({words}); the same command continues") from None
 
 
-def begin_kept(folder: Path, found: list[str], keep: bool) -> None:
-    """Remove the decks and results that --keep left of another study; the file `keys` says whose they are."""
-    mark = folder / "keys"
-    words = "\n".join(found)
-    if mark.is_file() and mark.read_text(encoding="utf-8") == words:
-        return
-    for path in [*folder.glob("[0-9]" * 6 + ".nml"), *folder.glob("results/" + "[0-9]" * 6)]:
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
-    if keep:
-        folder.mkdir(parents=True, exist_ok=True)
-        mark.write_text(words, encoding="utf-8")
-
-
 class StudyRuns:
     """Makes runs of a study and of what searches ask of it."""
 
     def __init__(self, study: Study, deck: Deck, options: StudyOptions, folder: Path) -> None:
         self.study, self.deck, self.options, self.folder = study, deck, options, folder
         self.text = deck.flat(options.biela)
-        self.progress = Progress(options.shown)
+        self.progress = Progress()
         self.pool: Executor | None = None
         self.followed = Followed(study)
         self.digest = ""
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            for left in (RUNNING, *["runs"] * options.keep):  # of a study that was killed, and of one that kept its runs
+                shutil.rmtree(folder / left, ignore_errors=True)
             self.journal = Journal(folder / "journal.jsonl", len(study.measured.names if study.measured else study.scalars))
         except OSError as fault:
             raise HistoryError(f"{fault.filename or folder}: {fault.strerror or fault}") from None
@@ -191,6 +178,7 @@ class StudyRuns:
     def __exit__(self, *_: object) -> None:
         if self.pool:
             self.pool.shutdown(wait=False, **({} if self.options.scheduler else {"cancel_futures": True}))  # Dask's always does
+        shutil.rmtree(self.folder / RUNNING, ignore_errors=True)
         self.progress.clear()
 
     def entries(self, study: Study) -> list[dict]:
@@ -208,8 +196,7 @@ class StudyRuns:
     def _run_all(self, study: Study, runs: list[tuple[str, ...]]) -> list[dict]:
         self.digest = self.digest or digest(self.options.biela)
         found = keys(study, self.text, self.digest, runs)
-        begin_kept(self.folder / "runs", found, self.options.keep)
-        wanted = [k for k, key in enumerate(found) if key not in self.journal.done]
+        wanted = [k for k, key in enumerate(found) if self.options.keep or key not in self.journal.done]
         begun, done = time.monotonic(), 0
         common = common_settings(study, self.deck, not self.options.keep) if wanted else ()
         waiting = batches(study, common, runs, wanted, self.options, self.folder)

@@ -154,8 +154,6 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
             lines.set_path_effects(OUTLINED)  # legible on dark and on light shades
             for text in axis.clabel(lines, fontsize=8):
                 text.set_path_effects(OUTLINED)
-                turn = text.get_rotation() % 180.0  # upright lines are read upwards, all of them
-                text.set_rotation(turn - 180.0 if turn > 95.0 else turn)
         failed = [(row[free[0]], row[free[1]]) for row in rows if row[-1]]
         if failed:
             axis.plot(*zip(*failed), "x", color="black", label="failed")

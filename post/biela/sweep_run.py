@@ -6,62 +6,28 @@ handing over one run at a time would cost more than the run.
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import math
 import multiprocessing
 import os
 import shutil
 import signal
 import subprocess
-import tempfile
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from .command import call_solver
 from .deck import Deck, including, literal, where_of
 from .histories import read_summary
 from .result_files import HistoryError
-from .sweep_scalars import Scalar, measure
+from .sweep_scalars import Measured, Scalar, measure
 from .sweep_study import Study
 
-# A shell starts the solver. It ends the solver when nobody holds the other end of its standard input any more.
+# A shell starts the solver. It ends the solver when nobody holds the other end of its standard input any more: a killed worker.
 SHELL = """exec 3<&0
 "$@" 3<&- </dev/null & solver=$!
 { read -r nothing <&3; kill "$solver"; } >/dev/null 2>&1 & watch=$!
 wait "$solver"; status=$?; kill "$watch" 2>/dev/null; exit $status"""
-
-
-def start(words: list, folder: Path) -> subprocess.Popen:
-    """Start the solver in a folder, as a group of processes of its own; its standard error is a pipe."""
-    return subprocess.Popen(
-        ["/bin/sh", "-c", SHELL, "sh", *words],
-        cwd=folder,
-        stdin=_pipe(os.getpid())[0],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-
-
-def status(solver: subprocess.Popen) -> int:
-    """Return the exit status of a solver that has ended, minus the number of the signal that stopped it."""
-    return solver.returncode if solver.returncode <= 128 else 128 - solver.returncode
-
-
-def end(solver: subprocess.Popen) -> None:
-    """Stop a solver that was started here, and what it started."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(solver.pid, signal.SIGKILL)
-    solver.communicate()
-
-
-@functools.cache
-def _pipe(process: int) -> tuple[int, int]:  # noqa: ARG001
-    """Return both ends of the pipe that ends with this process, not with the one that it was copied from."""
-    return os.pipe()
 
 
 @dataclass(frozen=True)
@@ -72,7 +38,8 @@ class Batch:
     deck: str  # path of the base deck
     runs: dict[int, tuple[str, ...]]  # NAME=VALUE of each run, by its number
     scalars: tuple[Scalar, ...]  # what is measured
-    keep: str | None  # folder in which decks and results stay, None: they are deleted
+    folder: str  # of its decks and results
+    keep: bool = False  # whether these stay
     extremes: bool = False  # whether the rows list the extremes of columns
     check: bool = False  # each run measures its own error, which costs three times as much
     measured: object = None  # measures a run in place of scalars
@@ -81,18 +48,11 @@ class Batch:
 
 
 @dataclass(frozen=True)
-class Row:
-    """What a run gave."""
+class Row(Measured):
+    """What a run gave, nothing where it failed."""
 
-    number: int  # of the run in the study
-    values: list[float]  # of the scalars, empty where the run failed
-    units: list[str]  # of them
-    reason: str  # why it failed, '' where it did not
-    extremes: list = field(default_factory=list)  # of the scalars that are one of several, where they were asked for
-    errors: list[float] = field(default_factory=list)  # of the values, where they were measured
-    # from what was measured, of each misfit, where extremes were asked for
-    differences: list[list[float]] = field(default_factory=list)
-    modes: list[list] = field(default_factory=list)  # of vibrations, where one is followed
+    number: int = 0  # of the run in the study
+    reason: str = ""  # why it failed, '' where it did not
 
 
 def common_settings(study: Study, deck: Deck, only_used: bool) -> tuple[str, ...]:
@@ -114,7 +74,7 @@ def settings_of(study: Study, point: dict) -> tuple[str, ...]:
 
 def run_batch(batch: Batch) -> list[Row]:
     """Run a batch and return a row of each run, also of those that fail."""
-    folder = Path(batch.keep) if batch.keep else Path(tempfile.mkdtemp(prefix="biela-sweep-"))
+    folder = Path(batch.folder)
     folder.mkdir(parents=True, exist_ok=True)
     try:
         return _rows(batch, folder)
@@ -141,16 +101,16 @@ def _rows(batch: Batch, folder: Path) -> list[Row]:
 
 def _call(batch: Batch, words: list[str], folder: Path) -> str:
     """Call the solver in a folder and return why it was stopped, '' where it was not."""
-    with start([batch.biela, "--quiet", *words], folder) as solver:
-        stopped = ""
+    shell = ["/bin/sh", "-c", SHELL, "sh", batch.biela, "--quiet", *words]
+    quiet = dict(stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    with subprocess.Popen(shell, cwd=folder, **quiet, start_new_session=True) as solver:
         try:
-            solver.communicate(timeout=batch.longest if math.isfinite(batch.longest) else None)
+            status = solver.wait(batch.longest if math.isfinite(batch.longest) else None)
         except subprocess.TimeoutExpired:
-            end(solver)
-            stopped = f"stopped after {batch.longest:g} s"
-    if not stopped and status(solver) < 0:
-        stopped = f"the solver was stopped by signal {-status(solver)}"
-    return stopped
+            os.killpg(solver.pid, signal.SIGKILL)
+            return f"stopped after {batch.longest:g} s"
+    stopped = status - 128 if status > 128 else -status
+    return f"the solver was stopped by signal {stopped}" if stopped > 0 else ""
 
 
 def end_with_parent() -> None:
@@ -175,11 +135,10 @@ def _row(number: int, results: Path, deck: Path, batch: Batch, stopped: str) -> 
     if not reason:
         try:
             found = batch.measured.of(results) if batch.measured else measure(results, batch.scalars, batch.extremes, batch.check)
-            extremes = found.extremes if batch.extremes else []
-            return Row(number, found.values, found.units, "", extremes, found.errors, found.differences, found.modes)
+            return Row(**vars(found), number=number)
         except ValueError as fault:
             reason = str(fault)
-    return Row(number, [], [], reason)
+    return Row(number=number, reason=reason)
 
 
 def _refusal(batch: Batch, deck: Path) -> str:

@@ -339,12 +339,12 @@ def spectral_line(size: np.ndarray, k: int) -> tuple[float, float, float]:
 class Measured:
     """The numbers of a run."""
 
-    values: list[float]  # of the scalars
-    units: list[str]  # of them
+    values: list[float] = field(default_factory=list)  # of the scalars
+    units: list[str] = field(default_factory=list)  # of them
     # position and value of the extremes from which each is taken, where it is one of several
-    extremes: list[list[tuple[float, float]]]
-    errors: list[float]  # of the values, as the run's own `check_error` and the digits of its files tell, where that was asked for
-    differences: list[list[float]]  # from what was measured, of each misfit, where the extremes were asked for
+    extremes: list[list[tuple[float, float]]] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)  # of the values, by the run's own `check_error`, where that was asked for
+    differences: list[list[float]] = field(default_factory=list)  # from data, of each misfit, where the extremes were asked for
     modes: list[list] = field(default_factory=list)  # frequency [Hz], damping ratio and shape of vibrations, where one is followed
 
 
@@ -358,7 +358,7 @@ def measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool = False, e
 
 def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: bool) -> Measured:
     tables = {one.file: read(folder, one.file) for one in scalars if not one.of_summary and not one.mode}
-    found = Measured([], [], [], [], [])
+    found = Measured()
     if numbers_of_modes := [one.mode for one in scalars if one.mode]:
         found.modes.extend(_modes(folder, 2 * max(numbers_of_modes) + FURTHER))
     for scalar in scalars:

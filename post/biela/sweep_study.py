@@ -100,7 +100,6 @@ class StudyOptions:
     start: float = -math.inf  # rows before do not count for results that do not say `from` themselves [s]
     end: float = math.inf  # rows after do not count for results that do not say `to` themselves [s]
     longest: float = math.inf  # seconds after which a run is stopped [s]
-    shown: bool = False  # the progress is shown, where standard error is a terminal
 
     @property
     def workers(self) -> int:

@@ -222,7 +222,7 @@ def lines_of(result: Sweep, where: tuple[str, ...]) -> list[str]:
 def work(args: argparse.Namespace) -> int:
     """Run the study, print and draw; returns 0, or 1 where every run failed."""
     options = command.options_of(args, StudyOptions)
-    result = sweep(replace(options, shown=True))
+    result = sweep(options)
     study, rows = result.study, result.rows
     goal, conditions = options.best or study.best, [*study.where, *options.where]
     tell("sweep", result.warnings)

@@ -45,7 +45,7 @@ class Errors:
             values = [*self.errors(folder), *_costs(read_summary(folder))]
         except HistoryError as fault:
             raise ValueError(str(fault)) from None
-        return Measured(values, [""] * len(values), [], [], [])
+        return Measured(values, [""] * len(values))
 
     def errors(self, folder: Path) -> list[float]:
         """Return the largest error of each column, that of the events, and the largest root mean square over time."""

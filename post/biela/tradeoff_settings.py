@@ -33,13 +33,11 @@ class TradeoffOptions:
     sensor: tuple[str, ...] = ()  # sensors or columns (`tip.v`) to get right; none: all
     tolerance: float = 1.0e-3  # largest error over a column's range [-]
     budget: float = math.inf  # seconds that a recommended run may take [s]
-    truth: str = "deck"  # 'deck' or 'refined': what measures errors
     methods: tuple[str, ...] = METHODS  # that are tried
     jobs: int | None = None  # runs side by side; None: as many as there are cores
     scheduler: str | None = None  # address of a Dask scheduler, in place of this machine's cores
     longest_run: float = 120.0  # seconds that any run may take [s]
     time: float = 600.0  # seconds after which no further runs begin [s]
-    shown: bool = False  # the progress is shown, where standard error is a terminal
 
 
 @dataclass(frozen=True)

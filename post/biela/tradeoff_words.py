@@ -8,16 +8,16 @@ import textwrap
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from .picture_files import subplots
-from .plot import COLOURS, LOOK, STYLES, mark_beyond
+from .plot import COLOURS, LOOK, STYLES
 from .tradeoff_settings import FAMILIES
 from .tradeoff_work import FULL, Point, Tradeoff
 
 WIDTH = 120
+TRUTH = "Truth: the deck's own model and meshes, passes of the solver"
 MARKS = dict(zip(FAMILIES, "os^vDP"))
-TALLEST = 2.0  # larger errors are drawn at the edge
+TALLEST = 2.0  # error of a run that tells nothing
 
 
 def model_words(model: str) -> str:
@@ -65,7 +65,7 @@ def pareto(points: list[Point]) -> set[int]:
 def head(found: Tradeoff) -> str:
     """Return the comment on top of recommended.nml."""
     texts = [*(f"- {words}" for words in found.warnings), f"Recommended for {found.options.deck.name}. {verdict(found)}"]
-    texts.append(f"Truth: {found.truth}. Compared: {', '.join(found.measured.columns)}.")
+    texts.append(f"{TRUTH}. Compared: {', '.join(found.measured.columns)}.")
     if not found.grid.stated:
         texts.append(f"The deck as written states no output_step: a row each step. Here one stands each {found.grid.interval:g} s.")
     return "".join(f"! {line}\n" for text in texts for line in textwrap.wrap(text, WIDTH - 2)) + "\n"
@@ -86,7 +86,7 @@ def table(found: Tradeoff) -> str:
     wide = max([44, *(len(label) for _, label, _, _ in found.removed)])
     allowed, lines = found.allowed, [f"Speed against accuracy of {found.options.deck.name}", ""]
     lines += [line for text in [*found.warnings, verdict(found)] for line in textwrap.wrap(text, WIDTH)]
-    lines += ["", f"truth ({found.options.truth}): {found.truth}"]
+    lines += ["", TRUTH]
     lines += [f"  its own uncertainty: {found.uncertainty:.1e} of a column's range, as the solver estimates it"]
     lines += [f"  {note}" for note in found.notes]
     lines += textwrap.wrap(f"compared: {', '.join(found.measured.columns)}; rounding alone and states are left out", WIDTH)
@@ -112,49 +112,35 @@ def table(found: Tradeoff) -> str:
 
 
 def picture(found: Tradeoff) -> Figure:
-    """Draw error against seconds: colour and mark tell the method, line style the model; open marks are below the uncertainty."""
+    """Draw error against seconds, colour and mark tell the method, line style the model; errors above `TALLEST` are not drawn."""
     unsure = found.uncertainty if math.isfinite(found.uncertainty) else 0.0
     floor = max(0.5 * unsure, 1.0e-16)
-    last = found.chosen.model if found.chosen else ""
-    models = list(dict.fromkeys(["", last]))
+    models = dict.fromkeys(["", found.chosen.model if found.chosen else ""])
     with mpl.rc_context(LOOK):
         figure, axes = subplots(figsize=(8.0, 6.4))
-        lines = []
         for style, model in zip(STYLES, models):
             for k, family in enumerate(FAMILIES):
                 mine = [p for p in found.points if (p.model, p.setting.family) == (model, family) and p.error < TALLEST]
-                mine.sort(key=lambda p: p.setting.index)
-                if mine:
-                    x, y = [p.seconds for p in mine], [max(p.error, floor) for p in mine]
-                    axes.loglog(x, y, ls=style, color=COLOURS[k], lw=1.2)
-                    fill = ["white" if p.error < unsure else COLOURS[k] for p in mine]
-                    axes.scatter(x, y, marker=MARKS[family], c=fill, edgecolors=COLOURS[k], s=22, zorder=3)
-        families = {p.setting.family for p in found.points}
-        lines += [Line2D([], [], color=COLOURS[k], marker=MARKS[family], ms=5, label=family)
-                  for k, family in enumerate(FAMILIES) if family in families]  # fmt: skip
+                points = [(p.seconds, max(p.error, floor)) for p in sorted(mine, key=lambda p: p.setting.index)]
+                look = dict(ls=style, color=COLOURS[k], marker=MARKS[family], ms=4, label=None if model else family)
+                axes.loglog(*np.array(points).reshape(-1, 2).T, **look)
         front = sorted((found.points[k].seconds, max(found.points[k].error, floor)) for k in pareto(found.points))
-        front = [(s, e) for s, e in front if e < TALLEST]
-        if front:
-            lines += axes.step(*zip(*front), where="post", color="0.5", lw=0.7, label="no run is better in both")
-        wanted = f"tolerance {found.options.tolerance:g}"
-        lines.append(axes.axhline(found.options.tolerance, color="k", lw=1.0, ls=(0, (8, 3)), label=wanted))
+        axes.step(*np.array(front).reshape(-1, 2).T, where="post", color="0.5", lw=0.7, label="no run is better in both")
+        axes.axhline(found.options.tolerance, color="k", lw=1.0, ls=(0, (8, 3)), label=f"tolerance {found.options.tolerance:g}")
         if unsure:
-            lines.append(axes.axhspan(1.0e-18, unsure, color="0.88", zorder=0, label="below the truth's uncertainty"))
+            axes.axhspan(1.0e-18, unsure, color="0.88", zorder=0, label="below the truth's uncertainty")
         for mark, label, point, size in (("kX", "deck as written", found.written, 10), ("k*", "recommended.nml", found.chosen, 15)):
-            if point and point.values and point.error < TALLEST:
-                lines += axes.plot(point.seconds, max(point.error, floor), mark, ms=size, mec="white", label=label, zorder=4)
+            if point and point.error < TALLEST:
+                axes.plot(point.seconds, max(point.error, floor), mark, ms=size, mec="white", label=label, zorder=4)
         for style, model in zip(STYLES, models):
             words = "\n".join(textwrap.wrap(model_words(model).removeprefix("the "), 58))
-            lines.append(Line2D([], [], color="0.3", ls=style, label=words))
+            axes.plot([], [], color="0.3", ls=style, label=words)
         heights = [y for line in axes.lines for y in line.get_ydata() if floor <= y < TALLEST]
         axes.set_ylim(0.5 * min(heights, default=floor), 2.0 * max(heights, default=1.0))
-        for k, family in enumerate(FAMILIES):
-            far = [(p.seconds, p.error) for p in found.points if p.setting.family == family and p.error >= TALLEST]
-            mark_beyond(axes, *np.array(far).reshape(-1, 2).T, COLOURS[k])
         left, right = axes.get_xlim()
         wider = math.sqrt(max(1.0, 12.0 * left / right))  # below a decade the ticks between powers of ten have names, which meet
         axes.set_xlim(left / wider, right * wider)
         axes.set(xlabel="seconds of the processor, analyses alone", ylabel="largest error / range, worst column")
         axes.set_title(f"{found.options.deck.name}: {', '.join(found.measured.columns)}"[:90], fontsize=10)
-        figure.legend(handles=lines, loc="outside lower center", ncols=2, fontsize=8)
+        figure.legend(loc="outside lower center", ncols=2, fontsize=8)
     return figure

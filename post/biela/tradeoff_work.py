@@ -21,7 +21,7 @@ from .result_files import BielaError
 from .study_runs import StudyRuns
 from .sweep_study import Study, StudyOptions
 from .tradeoff_errors import Errors, against
-from .tradeoff_models import Change, ImpossibleError, refined, removals
+from .tradeoff_models import removals
 from .tradeoff_settings import (
     FAMILIES,
     METHODS,
@@ -38,12 +38,11 @@ from .tradeoff_settings import (
 
 FULL = "full model"
 CERTAIN = 0.05  # the truth is asked for with this share of the tolerance
-MESHES = 3  # doublings of the mesh at most
-SETTLED = 0.1  # the mesh is refined until its uncertainty is below this share of the tolerance
 BELOW = 0.1  # curves go on until their error is below this share of what is allowed
 LEVELS, DEAR, SHORT = 12, 4.0, 1.0  # of a curve at most; it ends where the next run costs so many times the best one, and [s] more
 OVERHEAD = 40  # fixed cost of an evaluation, in unknowns: small models are not cheaper than that
 EXACT = 2.0  # [s] shorter runs are ranked by counts of evaluations: their measured times vary too much
+MOST = 4  # of the removals that are fine, the cheapest, whose coarsest settings are sought
 GAIN = 0.97  # a removal pays where it lowers the cost below this share
 REPEATS = 5  # of the runs that are timed, in turn
 
@@ -94,7 +93,6 @@ class Tradeoff(Tabular):
     folder: Path  # of tradeoff.txt, recommended.nml and what was stored
     grid: Grid  # times of the comparison
     measured: Errors | None = None  # the truth, and what of it is compared
-    truth: str = ""  # how it was made, in words
     uncertainty: float = math.inf  # largest error that the truth itself may have, over the ranges [-]
     points: list[Point] = field(default_factory=list)  # everything that was run
     # removals that were tried: round, label, error, whether it was taken
@@ -233,7 +231,9 @@ class Search:
             failed = [k for k, p in enumerate(tried) if not p.values]  # an explicit step may be too long for the smaller model
             again = self.measure([(names[k], options[k].deck, best.setting.finer(2)) for k in failed])
             tried = [again[failed.index(k)] if k in failed and again else p for k, p in enumerate(tried)]
-            fit = _promising([(p, change) for p, change in zip(tried, options) if p.error <= found.allowed])
+            fit = sorted(((p, c) for p, c in zip(tried, options) if p.error <= found.allowed), key=lambda one: self.cost(one[0]))[
+                :MOST
+            ]
             rejected |= {change.label for p, change in zip(tried, options) if p.error > found.allowed}
             cheapest = dict(zip([change.label for _, change in fit], self.coarsest([p for p, _ in fit])))
             label = min(cheapest, key=lambda one: self.cost(cheapest[one]), default="")
@@ -242,33 +242,12 @@ class Search:
             if not pays:
                 break
             best = cheapest[label]
-            taken = [*_kept(taken, label), label]
+            taken.append(label)
             best = replace(best, model="; ".join(taken))
         if taken:
             first = {family: max(best.setting.index - 6 if family == best.setting.family else 0, 0) for family in self.rates}
             self.curves(best.model, best.deck, first)
             self.coarsest(self.adequate()[:1])
-
-
-def _kept(taken: list[str], label: str) -> list[str]:
-    """Return the removals that a later one has not overtaken: a rigid body, or less of the same."""
-    new, before = Change(*label.split(": ", 1), None), []
-    for words in taken:
-        old = Change(*words.split(": ", 1), None)
-        if old.of != new.of or not (new.what == "rigid" or old.kind == new.kind):
-            before.append(words)
-    return before
-
-
-def _promising(fit: list[tuple[Point, Change]]) -> list[tuple[Point, Change]]:
-    """Return the removals whose cost is worth measuring: a rigid body, and the least of what can be counted."""
-    rigid = {change.of for _, change in fit if change.what == "rigid"}
-    found = []
-    for point, change in fit:
-        less = any((c.of, c.kind) == (change.of, change.kind) and c.count < change.count for _, c in fit)
-        if change.what == "rigid" or not (less or change.of in rigid):
-            found.append((point, change))
-    return found
 
 
 def run_into(folder: Path, deck: Deck, biela: Path) -> dict:
@@ -282,44 +261,16 @@ def run_into(folder: Path, deck: Deck, biela: Path) -> dict:
     return read_summary(folder)
 
 
-def converged(found: Tradeoff, deck: Deck, folder: Path, seconds: float) -> tuple[Errors, float]:
-    """Run a model with a small part of the tolerance as its accuracy; return what measures runs against it, and its own error.
-
-    That is the solver's estimate, infinite where it has none.
-    """
-    figures = run_into(folder, with_accuracy(deck, CERTAIN * found.options.tolerance, found.grid, seconds), found.options.biela)
-    measured = against(folder, [name.lower() for name in found.options.sensor])
+def set_truth(found: Tradeoff, deck: Deck) -> None:
+    """Set the truth, the deck's own model by the solver's passes, and what errors of it the solver estimates."""
+    Progress().show("the truth: runs", 1, 0)
+    accurate = with_accuracy(deck, CERTAIN * found.options.tolerance, found.grid, 0.4 * found.options.time)
+    figures = run_into(found.folder / "truth", accurate, found.options.biela)
+    found.measured = against(found.folder / "truth", [name.lower() for name in found.options.sensor])
     estimates = {name.partition("[")[0]: error for name, error in figures["transient"].get("estimated_errors", {}).items()}
-    if not estimates:
-        return measured, math.inf
-    return measured, max((estimates[name] or 0.0) / scale for name, scale in zip(measured.columns, measured.scales))
-
-
-def set_truth(found: Tradeoff, deck: Deck, asked: set[str]) -> None:
-    """Set the truth: the deck's own model by the solver's passes, or that on meshes refined until they agree."""
-    kept, seconds, progress = found.folder / "truth", 0.4 * found.options.time, Progress(found.options.shown)
-    progress.show("the truth: runs", 1, 0)
-    found.measured, found.uncertainty = converged(found, deck, kept, seconds)
-    found.truth = "the deck's model, passes of the solver"
-    if found.options.truth == "deck":
-        return
-    try:
-        before = None
-        for doublings in range(MESHES + 1):
-            folder = found.folder / f"truth_{doublings}"
-            progress.show(f"the truth, mesh x {2**doublings}: runs", doublings + 2, 0)
-            measured, left = converged(found, refined(deck, doublings, asked), folder, seconds)
-            off = max(measured.errors(before)[:-1]) if before else math.inf
-            found.measured, found.uncertainty, before = measured, left + off / 15.0, folder
-            found.truth = f"mesh x {2**doublings}, all kinematics modelled, passes of the solver"
-            found.notes += [f"mesh x {2**doublings}: {off:.1e} from the one before"] if doublings else []
-            if off <= 15.0 * SETTLED * found.options.tolerance:
-                break
-    except (BielaError, ImpossibleError) as fault:
-        if not math.isfinite(found.uncertainty):
-            found.measured, found.uncertainty = converged(found, deck, kept, seconds)
-            found.truth = "the deck's model, passes of the solver"
-        found.notes.append(f"no finer mesh: {fault}")
+    if estimates:
+        sizes = zip(found.measured.columns, found.measured.scales)
+        found.uncertainty = max((estimates[name] or 0.0) / scale for name, scale in sizes)
 
 
 def verify(found: Tradeoff, search: Search) -> None:
@@ -355,15 +306,15 @@ def verify(found: Tradeoff, search: Search) -> None:
 
 def tradeoff(options: TradeoffOptions) -> Tradeoff:
     """Make the study and write its files, without the picture; BielaError where the deck is wrong."""
-    if options.truth not in ("deck", "refined") or not set(options.methods) <= set(METHODS):
-        raise BielaError(f"truth = 'deck' or 'refined' and methods of {', '.join(METHODS)} expected")
+    if not set(options.methods) <= set(METHODS):
+        raise BielaError(f"methods of {', '.join(METHODS)} expected")
     deck = read(options.deck, biela=options.biela)
     folder = options.output or Path("results") / "tradeoff" / options.deck.stem
     asked = deck.needed_sensors(sensors(deck, options.sensor))
     found, begun = Tradeoff(options, folder, grid_of(deck)), time.monotonic()
     model = lean(deck, asked)
-    set_truth(found, model, asked)
-    how = dict(jobs=options.jobs, scheduler=options.scheduler, longest=options.longest_run, shown=options.shown)
+    set_truth(found, model)
+    how = dict(jobs=options.jobs, scheduler=options.scheduler, longest=options.longest_run)
     how = StudyOptions(options.deck, options.biela, folder, **how)
     with StudyRuns(Study("", deck.path, (), (), (), measured=found.measured), deck, how, folder) as runs:
         search = Search(found, deck, asked, runs, begun)
@@ -399,7 +350,7 @@ def work(args: argparse.Namespace) -> int:
     """Make the study, print and draw; the exit status: 1 where nothing meets the tolerance."""
     from .picture_files import save
 
-    found = tradeoff(replace(options_of(args, TradeoffOptions), shown=not args.quiet))
+    found = tradeoff(options_of(args, TradeoffOptions))
     print("".join(f"- {line}\n" for line in found.warnings), end="")
     print(found.verdict)
     drawn = [save(found.picture(), found.folder / "work_precision").name] if found.points else []

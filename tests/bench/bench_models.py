@@ -11,7 +11,6 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(HERE / "post"))
 from bench_scenes import driven_rod, explicit_step, slider_crank, transient  # noqa: E402
-from biela import tradeoff_models  # noqa: E402
 from biela.command import SOLVER  # noqa: E402
 from biela.deck import read as read_deck  # noqa: E402
 from biela.histories import read  # noqa: E402
@@ -68,7 +67,8 @@ def shapes(table, run_process, folder, quick):
     """Add the coordinates that bending moments and joint forces take with plain modes and with static shapes beside modes."""
     table.add()
     table.add(f"coordinates of {ELEMENTS} elements from which on bending moment, joint force err by less than 1e-2; 1e-3")
-    engine = tradeoff_models.with_elements(read_deck(HERE / "input" / "engine.nml"), "rod", ELEMENTS, {"crank_pin"})
+    finer = f"body/rod/elements={ELEMENTS}", f"sensor/mid/node={ELEMENTS // 2 + 1}", f"sensor/shank/element={ELEMENTS // 2}"
+    engine = read_deck(HERE / "input" / "engine.nml", *finer)
     values = {"method": "radau", "step": None, "tolerance": 1e-6, "output_step": 1e-4, "motion_step": None}
     engine = engine.set(engine.one("transient"), **values)
     for name, text, variants in (

@@ -375,7 +375,7 @@ def test_events_are_marked_in_every_panel_and_named_in_the_legend(runs, capsys, 
     assert plot_command.main([str(runs[0]), "--columns", "large", "q.q", "--events", "--output", str(picture)]) == 0
     assert picture.is_file()
     assert "events marked: 3" in capsys.readouterr().out
-    assert legends == [["stop touches", "stop opens or lets go"]]
+    assert legends == [["touches or sticks", "lets go or slips"]]
     assert [event.after for event in histories.read_events(runs[0])] == ["lower", "open", "upper"]
     assert histories.read_events(runs[1]) == []
     assert plot_command.main([str(runs[0]), "--columns", "large", "--events", "--against", "near", "--output", str(picture)]) == 2

@@ -185,28 +185,6 @@ def test_motion_in_vtk_is_that_of_the_run(run_deck):
     assert (result.folder / "vtk" / "motion.pvd").read_text().count("DataSet") == len(files)
 
 
-UNDAMPED = "# columns: number[-] mode[-] kind[-] frequency[Hz] damping_ratio[-]\n1 1 0 8.0 0\n"
-MODES = UNDAMPED + "2 1 1 {} 0.031\n3 2 1 20.0 0.2\n4 3 3 0 1\n"
-
-
-@pytest.mark.parametrize(
-    ("modes", "told"),
-    [
-        (None, ""),
-        (MODES.format("7.9"), "modes.txt: mode 1 at 7.9 Hz with damping ratio 0.031"),
-        (MODES.format("50.0"), "modes.txt: mode 2 at 20 Hz with damping ratio 0.2"),
-        (UNDAMPED, ""),
-    ],
-)
-def test_a_decay_names_the_mode_beside_the_run(run, monkeypatch, capsys, modes, told):
-    monkeypatch.setattr(spectrum, "save", lambda *_: None)
-    if modes:
-        (run / "modes.txt").write_text(modes)
-    assert spectrum.nearest_mode(run, 8.0) == told
-    assert spectrum_command.main([str(run), "--columns", "ring", "--decay"]) == 0
-    assert [line.strip() for line in capsys.readouterr().out.splitlines()[1:-1]] == ([told] if told else [])
-
-
 @pytest.mark.parametrize(
     ("words", "told"),
     [

@@ -374,10 +374,13 @@ def test_histories_are_read_by_their_own_reader_too(study):
     study(STUDY, "--keep", "--no-pictures")
     kept = Path("results/sweep/study/runs")
     assert "other.v" in read(kept / "results" / "000000")
-    study(STUDY, "--no-pictures")
-    assert len(list(kept.glob("0*"))) == 6
+    running = kept.with_name("running")
+    running.mkdir()
     study(STUDY.replace("points = 3", "points = 2"), "--no-pictures")
-    assert not list(kept.rglob("0*")), "of another study"
+    assert not running.exists(), "what a study that was killed has left"
+    assert len(list(kept.glob("0*"))) == 6
+    study(STUDY.replace("points = 3", "points = 2"), "--keep", "--no-pictures")
+    assert len(list(kept.glob("0*"))) == 4, "those before are gone"
 
 
 def test_what_is_wrong_with_the_command_ends_it_in_one_line(study, capsys):

@@ -215,7 +215,7 @@ def batch(folder: Path, solver: Path, **changes: object) -> Batch:
     """Return a batch of three runs, of which the solver refuses the first."""
     (folder / "deck.nml").write_text(DECK)
     runs = {k: (f"m={m}", "sensor/other/=") for k, m in enumerate((-1.0, 2.0, 3.0))}
-    words = dict(scalars=(Scalar("peak", "peak", "x.x"), Scalar("m", "summary", key="parameters.m")), keep=None)
+    words = dict(scalars=(Scalar("peak", "peak", "x.x"), Scalar("m", "summary", key="parameters.m")), folder=str(folder / "runs"))
     return Batch(str(solver), str(folder / "deck.nml"), runs, **{**words, **changes})
 
 
@@ -223,6 +223,7 @@ def test_each_run_of_a_batch_has_its_numbers_or_what_the_solver_says_of_it(tmp_p
     rows = run_batch(batch(tmp_path, biela))
     assert rows[0].reason == "deck.nml:2: body/b: mass={sqrt(m)} takes sqrt of -1, expected an argument >= 0"
     assert [row.values for row in rows[1:]] == [pytest.approx([m, m]) for m in (2.0, 3.0)]
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_solver_that_is_stopped_is_told(tmp_path):
@@ -232,7 +233,7 @@ def test_a_solver_that_is_stopped_is_told(tmp_path):
 
 
 def test_decks_that_are_kept_hold_the_values(tmp_path, biela):
-    run_batch(batch(tmp_path, biela, keep=str(tmp_path / "runs")))
+    run_batch(batch(tmp_path, biela, keep=True))
     kept = [read(tmp_path / "runs" / f"00000{k}.nml") for k in (1, 2)]
     assert [deck.one("scene").numbers("gravity")[0] for deck in kept] == [2.0, 3.0]
 

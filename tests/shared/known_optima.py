@@ -207,7 +207,9 @@ class Pool:
             reason = "" if all(map(math.isfinite, values)) else "the solver failed"
             extremes = [peaks or [] for _ in values] if batch.extremes else []
             errors = [1.0e-12 * abs(value) for value in values] if batch.check else []
-            rows.append(Row(number, [] if reason else values, [] if reason else [""] * len(values), reason, extremes, errors))
+            rows.append(
+                Row([] if reason else values, [] if reason else [""] * len(values), extremes, errors, number=number, reason=reason)
+            )
         future.set_result(rows)
         return future
 
