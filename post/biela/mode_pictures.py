@@ -210,7 +210,10 @@ def draw_shares(table: History, title: str = "") -> Figure | None:
 
 
 def draw_slip(table: History, rows: list[int], title: str = "") -> Figure | None:
-    """Return a figure of how the cores of beams shear along them in the modes of the given rows; None where there are no cores."""
+    """Return a figure of how the cores of beams shear along them in the modes of the given rows; None where there are no cores.
+
+    Nodes where no mode shears a core are left out: beside a cover, or held.
+    """
     cores: dict[tuple[str, str], list[str]] = {}
     for found in filter(None, map(SLIP.fullmatch, table.names)):
         cores.setdefault(found.group("body", "core"), []).append(found.string[: -len(".re")])
@@ -222,9 +225,11 @@ def draw_slip(table: History, rows: list[int], title: str = "") -> Figure | None
         for axis, ((body, core), names) in zip(axes[:, 0], cores.items()):
             nodes = np.array([[rest[f"{body}.{k}.{x}"] for x in "xy"] for k in range(1, len(names) + 1)])
             along = np.cumsum([0.0, *np.hypot(*np.diff(nodes, axis=0).T)])
+            angles = np.array([table[f"{name}.re"] + 1j * table[f"{name}.im"] for name in names])
+            angles[~angles.any(axis=1)] = np.nan
             for k, row in enumerate(rows):
-                angle = np.array([table[f"{name}.re"][row] + 1j * table[f"{name}.im"][row] for name in names])
-                largest = angle[np.argmax(np.abs(angle))] or 1.0
+                angle = angles[:, row]
+                largest = angle[np.nanargmax(np.abs(angle))] if angle.any() else 1.0
                 look = dict(color=COLOURS[k % len(COLOURS)], ls=STYLES[k % len(STYLES)], marker=".")
                 axis.plot(along, (angle / largest).real, label=caption(table, row), **look)
             axis.axhline(0.0, color="#bbbbbb", lw=0.8, zorder=1)

@@ -436,6 +436,23 @@ def test_what_each_layer_loses(modes, run_deck):
     assert sum(one["lost"] for one in losses) == pytest.approx(run.energy["dissipated"][-1], rel=1e-5)
 
 
+def test_sections_of_one_layer_lose_by_material(run_deck):
+    """A beam that shears, one of a single layer: layers are not what their losses are listed by."""
+    deck = "&material name='pad' density=1200.0 young=1e9 ghm_alpha=4.0 ghm_zeta=1.2 ghm_omega=9000.0 /\n"
+    for name, words in (("a", "shape='rectangle' height=0.03 shear=.true."), ("b", "layers='pad' thickness=0.03")):
+        material = "material='pad'" if name == "a" else ""
+        deck += (
+            f"&section name='{name}' {words} width=0.02 /\n"
+            f"&body name='{name}' kind='beam' length=0.3 elements=2 {material} section='{name}' reference='clamped' /\n"
+            f"&joint name='w{name}' type='weld' body_a='{name}' node_a=1 /\n"
+            f"&force name='f{name}' type='force' body='{name}' node=-1 fy=5.0 /\n"
+        )
+    run = run_deck(deck + "&transient t_end=2e-3 method='radau' tolerance=1e-4 output_step=1e-3 /\n")
+    ((lost, words),) = ((one.pop("lost"), one) for one in run.transient["losses"])
+    assert words == {"material": "pad", "kind": "GHM", "term": 1}
+    assert lost == pytest.approx(run.energy["dissipated"][-1], rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("length", "section", "named"),
     [

@@ -144,6 +144,8 @@ contains
         'have layers')
       if (layers > 0 .and. s%layer > layers) call deck%complain('layer', 'layer='//to_text(s%layer)//' is out of range for '// &
         of//', expected 1 to '//to_text(layers))
+      if (layers == 1 .and. deck%is_choice('energy')) call deck%complain('layer', body_text(d, s%marker%body)// &
+        ' has one layer, whose energy is that of the body, expected no layer')
       if (.not. (deck%is_choice('energy') .and. b%viscoelastic .and. (b%modes > 0 .or. b%auto_modes))) return
       do e = first, last
         associate (list => d%sections(b%element_section(e))%layers)

@@ -12,7 +12,7 @@ module segment_model
   type, extends(internal_state), public :: viscoelastic_segment
     integer :: first = 0, last = 0            !! columns of the body's deformations: elements; of modes, one a material
     integer :: material = 0                   !! index of the material
-    integer :: layer = 0                      !! the layer of the sections, 0: none, or several on one material
+    integer :: layer = 0                      !! the layer of the sections, 0: they have one at most, or several on one material
     integer :: losses = 0                     !! what its terms dissipate follows this place among the scene's losses
     real(wp), allocatable :: ea_l(:)          !! elements: E_R A/l, empty without axial deformation [N/m]
     real(wp), allocatable :: ei_l(:)          !! elements: E_R I/l [N m]
@@ -29,14 +29,16 @@ contains
     class(viscoelastic_segment), intent(in) :: self
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n), y(n)        !! deformations, internal variables or their rates [m, rad, ...]
-    if (allocated(self%stiffness)) then
+    if (allocated(self%ei_l)) then
+      if (size(self%ea_l) > 0) then
+        total = sum(strain_product(n/3, 3, self%ea_l, self%ei_l, x, y))
+      else
+        total = sum(strain_product(n/2, 2, self%ea_l, self%ei_l, x, y))
+      end if
+    else if (allocated(self%stiffness)) then
       total = of_modes(n, self%stiffness, x, y)
-    else if (allocated(self%diagonal)) then
-      total = sum(self%diagonal*x*y)
-    else if (size(self%ea_l) > 0) then
-      total = sum(strain_product(n/3, 3, self%ea_l, self%ei_l, x, y))
     else
-      total = sum(strain_product(n/2, 2, self%ea_l, self%ei_l, x, y))
+      total = sum(self%diagonal*x*y)
     end if
   end function segment_product
 

@@ -235,7 +235,7 @@ contains
   pure subroutine place_rows(b)
     type(body_model), intent(inout) :: b
     type(viscoelastic_segment), allocatable :: segments(:)
-    integer :: e, i, l, n, columns, layers, rows, last, material
+    integer :: e, i, l, n, columns, layers, rows, last, material, segment
     layers = 0
     rows = 0
     do i = 1, size(b%layers%kinds)
@@ -265,13 +265,14 @@ contains
                 n = n + 1
                 segments(n)%first = columns
                 segments(n)%material = material
-                segments(n)%layer = l
+                segments(n)%layer = merge(l, 0, layers > 1)
               end if
               last = e
             end if
+            segment = merge(n, 0, l > 0)
             if (l > 0) segments(n)%last = columns
-            if (.not. any(part == merge(n, 0, l > 0))) part(count(part >= 0) + 1) = merge(n, 0, l > 0)
-            b%layers%row_part(i, e) = findloc(part, merge(n, 0, l > 0), 1)
+            if (.not. any(part == segment)) part(count(part >= 0) + 1) = segment
+            b%layers%row_part(i, e) = findloc(part, segment, 1)
           end do
         end associate
       end do
