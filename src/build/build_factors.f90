@@ -10,18 +10,26 @@ module build_factors
   use errors, only: fault_list
   use force_element, only: append, force_model
   use history, only: history_model
-  use motion_factor, only: factor_node, is_product, is_sum, is_switch, motion_factor_model, of_motion
-  use motion_watch, only: history_watch, switch_watch, watch_model
+  use motion_factor, only: is_product, is_sum, is_switch, of_motion, of_time
+  use motion_watch, only: history_watch, switch_watch
   use scene_model, only: scene
   use text, only: quoted
   implicit none (type, external)
   private
-  public :: check_users, gives_back, of_time, place_watches, require_continuous
+  public :: check_users, follows_time, gives_back, place_watches, require_continuous
 
-  !> What the factors and watches of a scene are of, so that each stands once.
+  !> A part of what scales a load: a history of one argument, or what joins others.
+  type :: part
+    integer :: kind = 0                            !! that of a node of a factor; 0: there is no such factor
+    integer :: record = 0                          !! number of the history
+    integer :: owner = 0                           !! number of the part that it is a part of; 0: the whole
+    type(column_record) :: column                  !! its argument; none: time
+    logical :: inherited = .true.                  !! that is the argument of the load
+  end type part
+
+  !> How many factors a scene has, and what its watches are of, so that each stands once.
   type, public :: factor_list
     integer :: count = 0                           !! factors so far
-    integer, allocatable :: keys(:, :)             !! (3, loads) of each factor: history, sensor and column of its argument
     integer, allocatable :: histories(:)           !! (watches) each one's history
     type(column_record), allocatable :: columns(:) !! (watches) what it watches
   contains
@@ -36,10 +44,51 @@ contains
     class(factor_list), intent(inout) :: self
     integer, intent(in) :: loads
     type(scene), intent(inout) :: s
-    allocate (self%keys(3, loads), self%histories(0), self%columns(0), s%factors(loads))
+    allocate (self%histories(0), self%columns(0), s%factors(loads))
   end subroutine begin
 
-  !> The factor of a load, made where it is new, as are its watches, which stand behind the elements that act.
+  !> The parts of what scales a load, the whole first.
+  function parts_of(d, record, column) result(list)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: record                  !! number of the history; 0: there is none
+    type(column_record), intent(in) :: column      !! argument of the load; none: time
+    type(part), allocatable :: list(:)
+    allocate (list(0))
+    if (record > 0) call add(part(record=record, column=column))
+  contains
+    !> Appends a part as its owner sees it, and what it is made of.
+    recursive subroutine add(x)
+      type(part), intent(in) :: x
+      type(part) :: now, inner
+      integer :: k
+      associate (h => d%histories(x%record))
+        now = x
+        if (h%argument%sensor > 0) then
+          now%column = h%argument
+          now%inherited = .false.
+        end if
+        if (is_plain(d, x%record, now%column)) then
+          now%kind = merge(of_time, of_motion, now%column%sensor == 0)
+        else
+          if (h%kind == 'sum') now%kind = is_sum
+          if (h%kind == 'product') now%kind = is_product
+          if (h%kind == 'switch') now%kind = is_switch
+        end if
+        list = [list, now]
+        inner = now
+        if (now%kind == is_switch) inner = x           ! its argument is that of the choice alone
+        inner%kind = 0
+        inner%owner = size(list)
+        if (.not. any(now%kind == [is_sum, is_product, is_switch])) return
+        do k = 1, size(h%parts)
+          inner%record = h%parts(k)
+          call add(inner)
+        end do
+      end associate
+    end subroutine add
+  end function parts_of
+
+  !> The factor of a load. Its watches stand behind the elements that act.
   subroutine find(self, d, s, r, order, number, faults)
     class(factor_list), intent(inout) :: self
     type(deck), intent(in) :: d
@@ -48,88 +97,43 @@ contains
     integer, intent(in) :: order                   !! highest derivative whose jumps are events
     integer, intent(out) :: number
     type(fault_list), intent(inout) :: faults
-    type(motion_factor_model) :: f
-    integer :: key(3), k
+    type(part), allocatable :: list(:)
+    integer :: k, j
     logical :: used                                ! the load's own argument is
-    key = [r%history, r%argument%sensor, r%argument%number]
-    do number = 1, self%count
-      if (all(self%keys(:, number) == key)) return
-    end do
-    allocate (f%nodes(0))
+    list = parts_of(d, r%history, r%argument)
+    self%count = self%count + 1
+    number = self%count
+    allocate (s%factors(number)%nodes(size(list)))
     used = .false.
-    call add_node(r%history, r%argument, .true., k)
-    if (r%argument%sensor > 0 .and. .not. used) call r%at%blame(faults, 'every part of history '// &
-      quoted(trim(d%histories(r%history)%name))//' has an argument of its own, expected no argument here')
-    f%arguments = pack(f%nodes%watch, f%nodes%kind == of_motion)
-    s%factors(number) = f
-    self%keys(:, number) = key
-    self%count = number
-  contains
-    !> Appends the nodes of a history; its own is the last one.
-    recursive subroutine add_node(record, outer, inherited, number)
-      integer, intent(in) :: record                !! number of the history
-      type(column_record), intent(in) :: outer     !! argument of what it is a part of; none: time
-      logical, intent(in) :: inherited             !! that is the load's own
-      integer, intent(out) :: number
-      type(factor_node) :: node
-      type(factor_node), allocatable :: longer(:)  ! an array constructor would leak (gfortran)
-      type(column_record) :: column
-      integer :: k
-      logical :: from_load
-      associate (h => d%histories(record))
-        from_load = inherited .and. h%argument%sensor == 0
-        column = outer
-        if (h%argument%sensor > 0) column = h%argument
-        if (is_plain(d, record, column)) then
-          used = used .or. from_load
-          if (column%sensor == 0) then
-            call make_history(d, record, node%history)
-          else
-            node%kind = of_motion
-            node%watch = watch_of(record, column)
-          end if
+    do k = 1, size(list)
+      associate (x => list(k), h => d%histories(list(k)%record), node => s%factors(number)%nodes(k))
+        node%kind = x%kind
+        node%parts = pack([(j, j=1, size(list))], list%owner == k)
+        if (x%kind == is_sum) node%factors = h%factors
+        if (x%kind == of_time) call make_history(d, x%record, node%history)
+        if (any(x%kind == [is_sum, is_product, of_time])) cycle
+        used = used .or. x%inherited
+        if (x%kind == 0) then
+          call h%at%blame(faults, 'a sequence has a time of its own, which its parts share, but one of them has an argument '// &
+                          'of its own, expected the argument at the sequence')
+        else if (x%column%sensor == 0) then
+          call h%at%blame(faults, 'a switch chooses by the sign of a column, expected argument=''SENSOR.COLUMN''')
         else
-          select case (h%kind)
-          case ('sum')
-            node%kind = is_sum
-            node%factors = h%factors
-          case ('product')
-            node%kind = is_product
-          case ('switch')
-            node%kind = is_switch
-            if (column%sensor == 0) then
-              call h%at%blame(faults, 'a switch chooses by the sign of a column, expected argument=''SENSOR.COLUMN''')
-              number = 0
-              return
-            end if
-            node%watch = watch_of(record, column)
-            used = used .or. from_load
-            column = outer                         ! its argument is that of the choice alone
-            from_load = inherited
-          case default
-            call h%at%blame(faults, 'a sequence has a time of its own, which its parts share, but one of them has an argument '// &
-                            'of its own, expected the argument at the sequence')
-            number = 0
-            return
-          end select
-          allocate (node%parts(size(h%parts)))
-          do k = 1, size(h%parts)
-            call add_node(h%parts(k), column, from_load, node%parts(k))
-          end do
+          node%watch = watch_of(x%record, x%column)
         end if
       end associate
-      number = size(f%nodes) + 1
-      allocate (longer(number))
-      longer(:number - 1) = f%nodes
-      longer(number) = node
-      call move_alloc(longer, f%nodes)
-    end subroutine add_node
-
+    end do
+    if (r%argument%sensor > 0 .and. .not. used) call r%at%blame(faults, 'every part of history '// &
+      quoted(trim(d%histories(r%history)%name))//' has an argument of its own, expected no argument here')
+    associate (nodes => s%factors(number)%nodes)
+      s%factors(number)%arguments = pack(nodes%watch, nodes%kind == of_motion)
+    end associate
+  contains
     !> The watch of a history of motion or of a switch, made where it is new.
     integer function watch_of(record, column) result(k)
       integer, intent(in) :: record
       type(column_record), intent(in) :: column
-      class(watch_model), allocatable :: watch
+      class(history_watch), allocatable :: watch
       class(force_model), allocatable :: item
       type(switch_watch), allocatable :: choice
       do k = 1, size(self%histories)
@@ -138,12 +142,11 @@ contains
       end do
       if (d%histories(record)%kind == 'switch') then
         allocate (choice)
-        choice%level = d%histories(record)%level
-        choice%switches = .true.
+        call choice%set_level(d%histories(record)%level)
         s%choices = s%choices + 1
         call move_alloc(choice, watch)
       else
-        allocate (history_watch :: watch)
+        allocate (watch)
         call make_history(d, record, watch%history)
         call watch%watch_corners(order)
         call require_continuous(r%at, 'history', watch%history, faults)
@@ -185,13 +188,13 @@ contains
   end subroutine place_watches
 
   !> Whether a load follows a history of time alone.
-  pure logical function of_time(d, r) result(yes)
+  logical function follows_time(d, r) result(yes)
     type(deck), intent(in) :: d
     type(force_record), intent(in) :: r
-    yes = r%history > 0 .and. r%argument%sensor == 0
-    if (yes) yes = d%histories(r%history)%argument%sensor == 0
-    if (yes) yes = is_plain(d, r%history, r%argument)
-  end function of_time
+    type(part), allocatable :: list(:)
+    list = parts_of(d, r%history, r%argument)
+    yes = size(list) == 1 .and. all(list%kind == of_time)
+  end function follows_time
 
   !> Whether a history and all its parts are functions of one argument.
   pure recursive logical function is_plain(d, record, column) result(yes)
@@ -213,16 +216,13 @@ contains
   end function is_plain
 
   !> Whether the work of a load depends on where one place is alone: it gives back on the way back what it has taken. Angles go on.
-  pure logical function gives_back(d, r) result(yes)
+  logical function gives_back(d, r) result(yes)
     type(deck), intent(in) :: d
     type(force_record), intent(in) :: r
-    type(column_record) :: column
-    yes = .false.
-    if (r%history == 0) return
-    column = r%argument
-    if (d%histories(r%history)%argument%sensor > 0) column = d%histories(r%history)%argument
-    if (column%sensor == 0) return
-    yes = any(d%sensors(column%sensor)%quantity == [character(8) :: 'position', 'distance']) .and. is_plain(d, r%history, column)
+    type(part), allocatable :: list(:)
+    list = parts_of(d, r%history, r%argument)
+    yes = size(list) == 1 .and. all(list%kind == of_motion)
+    if (yes) yes = any(d%sensors(list(1)%column%sensor)%quantity == [character(8) :: 'position', 'distance'])
   end function gives_back
 
   !> Drives, controllers, springs and profiles have an argument already: their histories have none.
@@ -251,7 +251,9 @@ contains
       type(origin), intent(in) :: at               !! of its user
       integer, intent(in) :: record
       character(*), intent(in) :: why
-      if (d%histories(record)%argument%sensor == 0 .and. is_plain(d, record, column_record())) return
+      type(part), allocatable :: list(:)
+      list = parts_of(d, record, column_record())
+      if (size(list) == 1 .and. all(list%kind == of_time)) return
       call at%blame(faults, why//', but history '//quoted(trim(d%histories(record)%name))//' follows a motion (by an '// &
                     'argument or a switch), expected one without, or a &force that it scales')
     end subroutine check
@@ -279,5 +281,4 @@ contains
     call at%blame(faults, variable//'='//quoted(trim(h%name))//' jumps from one value to another, which a function of motion '// &
       'may not, expected a steep rise instead (kind=''ramp'', ''cycloid'' or ''table'')')
   end subroutine require_continuous
-
 end module build_factors

@@ -4,7 +4,7 @@ module build_loads
   use build_law, only: law_of
   use build_profiles, only: by_angle, make_pair, watch_pair
   use constraint, only: constraint_box
-  use build_factors, only: factor_list, of_time, require_continuous
+  use build_factors, only: factor_list, follows_time, require_continuous
   use deck_records, only: column_record, deck, force_record, spring_record, stop_record, transient_record
   use errors, only: fault_list
   use force_element, only: append, force_model, stage_all, stage_static, stage_transient
@@ -210,7 +210,7 @@ contains
     l%acts(1:2) = r%type /= 'torque'
     l%acts(3) = r%type == 'torque'
     l%name = r%name
-    if (of_time(d, r)) then
+    if (follows_time(d, r)) then
       call make_history(d, r%history, l%history)
     else if (r%history > 0) then
       call list%find(d, s, r, order_of_events(d%transient), l%motion_factor, faults)

@@ -1,34 +1,28 @@
-!> Elements that do not act but watch a motion for the factors of loads (`motion_factor`): a history of the motion, or the sign by
-!> which a switch chooses. They have the discrete states, which only events change; several loads may share one.
+!> Elements that do not act but watch a motion: for the factors of loads (`motion_factor`), or for the corners of a profile's law.
+!> They have the discrete states, which only events change; several loads may share one.
 module motion_watch
   use kinds, only: wp
-  use force_element, only: bilateral, by_position, conditions, element_action, root_rounding, watched_roots
+  use force_element, only: conditions, element_action
+  use history, only: breakpoint
   use marker, only: marker_states
-  use piecewise_force, only: follow, piecewise_model
-  use root_watch, only: resting
+  use piecewise_force, only: piecewise_model
+  use simple_histories, only: pulse_model
   implicit none (type, external)
   private
 
   integer, parameter :: from_level = 1, below_level = -1   !! states of a switch
 
-  !> What both have in common: they act on nothing.
-  type, abstract, extends(piecewise_model), public :: watch_model
+  !> A history of its measure.
+  type, extends(piecewise_model), public :: history_watch
   contains
     procedure :: act => no_action
-  end type watch_model
-
-  !> A history of its measure.
-  type, extends(watch_model), public :: history_watch
-  contains
-    procedure :: signal => history_signal
+    procedure :: signal
   end type history_watch
 
-  !> 1 where its measure is at a level or above, -1 below.
-  type, extends(watch_model), public :: switch_watch
-    real(wp) :: level = 0.0_wp             !! [any]
+  !> By which a switch chooses: the history is 1 where the measure is at a level or above, 0 below. These events are told.
+  type, extends(history_watch), public :: switch_watch
   contains
-    procedure :: signal => switch_signal
-    procedure :: roots => switch_roots
+    procedure :: set_level
     procedure :: switch => change_over
     procedure :: state_word => switch_word
   end type switch_watch
@@ -37,7 +31,7 @@ contains
 
   !> It does nothing.
   pure subroutine no_action(self, p, with, z, zd, zdd, x)
-    class(watch_model), intent(in) :: self
+    class(history_watch), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp), intent(in) :: z(*), zd(*)    !! not used [-]
@@ -47,7 +41,7 @@ contains
   end subroutine no_action
 
   !> Value and slope; where no load acts and the question is what holds at all, the steepest one.
-  pure subroutine history_signal(self, p, with, h)
+  pure subroutine signal(self, p, with, h)
     class(history_watch), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
@@ -57,56 +51,21 @@ contains
     f = self%history_value(with, x)
     h = f(0:1)
     if (.not. with%load_factor > 0.0_wp) h(1) = -self%history%steepest()
-  end subroutine history_signal
+  end subroutine signal
 
-  !> Its side.
-  pure subroutine switch_signal(self, p, with, h)
-    class(switch_watch), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
-    real(wp), intent(out) :: h(0:1)        !! 1 or -1, no slope [-]
-    h = [real(side(self, p, with), wp), 0.0_wp]
-  end subroutine switch_signal
-
-  !> The state that it keeps, else that of the motion: at the level the side to which the motion goes, where that is known.
-  pure integer function side(self, p, with)
-    class(switch_watch), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
-    real(wp) :: x, rate, zero
-    side = with%state
-    if (.not. any(side == [by_position, bilateral])) return
-    call distance(self, p, with, x, rate, zero)
-    if (abs(x) <= zero) x = merge(rate, 0.0_wp, rate < huge(1.0_wp))
-    side = merge(below_level, from_level, x < 0.0_wp)
-  end function side
-
-  !> How far the motion is above the level, its rate, and what counts as zero: of a rate also what solves leave of one at rest.
-  pure subroutine distance(self, p, with, x, rate, zero)
-    class(switch_watch), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
-    real(wp), intent(out) :: x, rate, zero   !! [any], huge where it is not known [any/s], [any]
-    call follow(self%measure, self%size, p, with%stage, x, rate, zero)
-    x = x - self%level
-    zero = max(zero, root_rounding*abs(self%level))
-    if (self%measure%rate) zero = max(zero, resting*merge(1.0_wp, self%size, self%measure%angular))
-  end subroutine distance
-
-  !> The distance to the level.
-  pure subroutine switch_roots(self, p, with, watched)
-    class(switch_watch), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
-    type(watched_roots), intent(out) :: watched
-    real(wp) :: x, rate, zero
-    integer :: now
-    call distance(self, p, with, x, rate, zero)
-    now = side(self, p, with)
-    watched%g(1) = now*x
-    watched%rate(1) = merge(rate, now*rate, rate >= huge(1.0_wp))
-    watched%zero(1) = zero
-  end subroutine switch_roots
+  !> The history of a switch: it steps at the level.
+  subroutine set_level(self, level)
+    class(switch_watch), intent(inout) :: self
+    real(wp), intent(in) :: level          !! [any]
+    type(pulse_model), allocatable :: step
+    allocate (step)
+    step%value = 1.0_wp
+    step%start = level
+    step%finish = huge(1.0_wp)
+    step%breaks = [breakpoint(level, 0)]
+    call move_alloc(step, self%history)
+    call self%watch_corners(0)
+  end subroutine set_level
 
   !> To the other side; where no event has led to it, that of the motion.
   pure subroutine change_over(self, p, with, which, state, event_value)
@@ -115,13 +74,11 @@ contains
     type(conditions), intent(in) :: with
     integer, intent(in) :: which           !! the root that fell to zero; 0: no event
     integer, intent(out) :: state
-    real(wp), intent(out) :: event_value   !! not used [-]
-    type(conditions) :: now
-    now = with
-    if (which == 0) now%state = by_position
-    state = side(self, p, now)
-    if (which > 0) state = -state
-    event_value = 0.0_wp
+    real(wp), intent(out) :: event_value   !! [any]
+    real(wp) :: h(-1:2)                    ! [any]
+    call self%history_watch%switch(p, with, which, state, event_value)
+    call self%history%evaluate(event_value, .false., h)
+    state = merge(from_level, below_level, h(0) > 0.0_wp)
   end subroutine change_over
 
   !> Which history it chooses.

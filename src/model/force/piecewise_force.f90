@@ -7,11 +7,10 @@ module piecewise_force
   use history, only: history_model
   use history_pieces, only: first_piece, piece_beyond, piece_ends, piece_value
   use marker, only: marker_states
-  use measure, only: measure_model, measured
+  use measure, only: measured
+  use root_watch, only: resting
   implicit none (type, external)
   private
-
-  public :: follow
 
   !> Such an element.
   type, abstract, extends(force_model), public :: piecewise_model
@@ -27,7 +26,8 @@ module piecewise_force
 
 contains
 
-  !> The motion that the history is a function of, its rate, and the size of its rounding errors. In a static analysis rates are 0.
+  !> The motion that the history is a function of, its rate, and the size of its rounding errors; of a rate also what solves leave
+  !> of one at rest. In a static analysis rates are 0.
   pure subroutine followed(self, p, stage, x, rate, rounding)
     class(piecewise_model), intent(in) :: self
     type(marker_states), intent(in) :: p
@@ -35,28 +35,21 @@ contains
     real(wp), intent(out) :: x             !! [any]
     real(wp), intent(out) :: rate          !! huge: not known [any/s]
     real(wp), intent(out) :: rounding      !! [any]
-    call follow(self%measure, self%size, p, stage, x, rate, rounding)
-  end subroutine followed
-
-  !> The same of any measure.
-  pure subroutine follow(m, size, p, stage, x, rate, rounding)
-    class(measure_model), intent(in) :: m
-    real(wp), intent(in) :: size           !! the scene's size [m]
-    type(marker_states), intent(in) :: p
-    integer, intent(in) :: stage
-    real(wp), intent(out) :: x, rate, rounding   !! [any], [any/s], [any]
     type(measured) :: now
-    call m%measure(p, now)
-    x = now%x - m%datum
-    rate = now%rate
-    rounding = root_rounding*m%rounding(p)
-    if (m%rate) then
-      x = merge(0.0_wp, rate, stage == stage_static)
-      rate = huge(1.0_wp)
-    else if (.not. m%angular) then
-      rounding = max(rounding, root_rounding*size)
-    end if
-  end subroutine follow
+    associate (m => self%measure)
+      call m%measure(p, now)
+      x = now%x - m%datum
+      rate = now%rate
+      rounding = root_rounding*m%rounding(p)
+      if (m%rate) then
+        x = merge(0.0_wp, rate, stage == stage_static)
+        rate = huge(1.0_wp)
+        rounding = max(rounding, resting*merge(1.0_wp, self%size, m%angular))
+      else if (.not. m%angular) then
+        rounding = max(rounding, root_rounding*self%size)
+      end if
+    end associate
+  end subroutine followed
 
   !> Value and two derivatives of the history there; where a piece is kept, on this one.
   pure function history_value(self, with, x) result(h)

@@ -8,7 +8,7 @@ module motion_factor
 
   integer, parameter, public :: of_time = 1, of_motion = 2, is_sum = 3, is_product = 4, is_switch = 5
 
-  !> A history, or what is made of others, which stand before it.
+  !> A history, or what is made of others, which stand behind it.
   type, public :: factor_node
     integer :: kind = of_time
     class(history_model), allocatable :: history   !! of time
@@ -17,7 +17,7 @@ module motion_factor
     real(wp), allocatable :: factors(:)            !! of a sum's parts [-]
   end type factor_node
 
-  !> The last node is the factor.
+  !> The first node is the factor.
   type, public :: motion_factor_model
     type(factor_node), allocatable :: nodes(:)
     integer, allocatable :: arguments(:)           !! watches of the histories of motion, in the order of their nodes
@@ -39,7 +39,7 @@ contains
     real(wp), intent(out) :: slopes(:)             !! (arguments) [1/any]
     real(wp) :: x(size(self%nodes)), by(size(self%nodes)), h(-1:2), others   ! values, derivatives of the factor by them [any]
     integer :: k, i, j
-    do k = 1, size(self%nodes)
+    do k = size(self%nodes), 1, -1
       associate (n => self%nodes(k))
         select case (n%kind)
         case (of_time)
@@ -56,17 +56,17 @@ contains
         end select
       end associate
     end do
-    value = x(size(x))
+    value = x(1)
     if (any_value) x = merge(x, 1.0_wp, abs(x) > 0.0_wp)
     by = 0.0_wp
-    by(size(by)) = 1.0_wp
-    i = size(slopes)
-    do k = size(x), 1, -1
+    by(1) = 1.0_wp
+    i = 0
+    do k = 1, size(x)
       associate (n => self%nodes(k))
         select case (n%kind)
         case (of_motion)
+          i = i + 1
           slopes(i) = by(k)*signals(1, n%watch)
-          i = i - 1
         case (is_sum)
           by(n%parts) = by(n%parts) + by(k)*n%factors
         case (is_product)
