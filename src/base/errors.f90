@@ -30,7 +30,6 @@ module errors
     integer :: count = 0
   contains
     procedure :: add => add_fault
-    procedure :: line_of => fault_line
     procedure :: print => print_faults
   end type fault_list
 
@@ -60,24 +59,19 @@ contains
     self%items(self%count) = fault(file, line, subject, message)
   end subroutine add_fault
 
-  !> The k-th fault as the line a user reads: `DECK:LINE: group/name: message`.
-  function fault_line(self, k) result(text)
-    class(fault_list), intent(in) :: self
-    integer, intent(in) :: k
-    character(:), allocatable :: text
-    text = self%items(k)%file
-    if (self%items(k)%line > 0) text = text//':'//to_text(self%items(k)%line)
-    text = text//': '
-    if (len(self%items(k)%subject) > 0) text = text//self%items(k)%subject//': '
-    text = text//self%items(k)%message
-  end function fault_line
-
-  !> Writes the first faults, one a line, to standard error, and how many more there are.
+  !> Writes the first faults, `DECK:LINE: group/name: message` a line, to standard error, and how many more there are.
   subroutine print_faults(self)
     class(fault_list), intent(in) :: self
+    character(:), allocatable :: text
     integer :: k
     do k = 1, min(self%count, most_shown)
-      call tell(self%line_of(k))
+      associate (f => self%items(k))
+        text = f%file
+        if (f%line > 0) text = text//':'//to_text(f%line)
+        text = text//': '
+        if (len(f%subject) > 0) text = text//f%subject//': '
+        call tell(text//f%message)
+      end associate
     end do
     if (self%count > most_shown) call tell(self%items(1)%file//': '//to_text(self%count - most_shown)//' more faults are not shown')
   end subroutine print_faults

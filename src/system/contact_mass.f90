@@ -1,6 +1,6 @@
 !> The mass that a stop meets, and how long a contact with it lasts.
 module contact_mass
-  use kinds, only: wp
+  use kinds, only: wp, pi
   use evaluation_results, only: evaluation, conditions_of
   use force_element, only: conditions
   use mass_solve, only: solve_mass
@@ -76,7 +76,8 @@ contains
     select type (stop => m%s%forces(k)%item)
     class is (stop_model)
       call stop%contact(ev%p, with, c)
-      time = min(stop%impact_time(mass, with%event_value), stop%rest_time(mass, c%depth))
+      time = stop%impact_time(mass, with%event_value)
+      if (c%depth > 0.0_wp) time = min(time, pi*sqrt(mass/stop%stiffness_at(c%depth)))     ! half a period of small vibrations there
     end select
   end function time_of_contact
 end module contact_mass

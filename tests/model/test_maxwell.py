@@ -342,8 +342,9 @@ def test_the_summary_names_the_kinds_of_terms_of_a_body(run_deck):
     deck += "&material name='p' density=1200.0 young=3.0e8 prony_alpha=0.5 prony_tau=1e-3 /\n"
     deck += "&section name='s' area=1e-4 inertia=9e-9 /\n"
     deck += "&body name='b' kind='beam' length=0.4 elements=2 element_material={} section='s' /\n"
-    for materials, words in (("'g','p'", "2 GHM or Maxwell terms"), ("'g','g'", "1 GHM term"), ("'p','p'", "1 Maxwell term")):
-        assert f"3 deformations each, {words})" in run_deck(deck.format(materials), "--check").stdout
+    for materials, ghm, maxwell in (("'g','p'", 1, 1), ("'g','g'", 1, 0), ("'p','p'", 0, 1)):
+        words = f"one a viscoelastic deformation and term, up to {ghm} of GHM and {maxwell} of Maxwell"
+        assert f"6 dissipative coordinates ({words})" in run_deck(deck.format(materials), "--check").stdout
 
 
 def test_the_elastomer_with_maxwell_terms_moves_as_with_ghm_terms(run_deck):

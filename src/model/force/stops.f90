@@ -53,7 +53,6 @@ module stops
     procedure :: scaled
     procedure :: stiffness_at
     procedure :: impact_time
-    procedure :: rest_time
     procedure :: act => stop_act
     procedure :: tangent => stop_tangent
     procedure :: rate_components => stop_rate_components
@@ -191,15 +190,6 @@ contains
     time = 2*sqrt(pi)*gamma(1 + a)/gamma(0.5_wp + a)*(mass*speed**2/(2*a*self%hardness))**a/speed
     time = time/max(1.0_wp, 0.25_wp*max(self%rebound, self%chi*speed))
   end function impact_time
-
-  !> Half a period of small vibrations about a penetration.
-  pure real(wp) function rest_time(self, mass, depth) result(time)     ! [s]
-    class(stop_model), intent(in) :: self
-    real(wp), intent(in) :: mass           !! [kg] or [kg m2]
-    real(wp), intent(in) :: depth          !! [m] or [rad]
-    time = huge(1.0_wp)
-    if (depth > 0.0_wp) time = pi*sqrt(mass/self%stiffness_at(depth))
-  end function rest_time
 
   !> The force against the penetration; what damping takes, or what a contact loses that lets go.
   pure subroutine stop_act(self, p, with, z, zd, zdd, x)

@@ -2,13 +2,13 @@
 !>
 !>   inertia z'' + viscosity z' + z = delta        force alpha K_R (delta - z) beside K_R delta        (theory.md, section 5)
 !>
-!> so that E(s)/E_R - 1 = sum of alpha (1 - 1/(1 + viscosity s + inertia s^2)). A kind of law is a function that makes terms of its
-!> parameters. Terms without inertia are of first order.
+!> so that E(s)/E_R - 1 = sum of alpha (1 - 1/(1 + viscosity s + inertia s^2)). Terms without inertia are of first order. What the
+!> parameters of a law say of its terms is in `build_law`.
 module viscoelastic_law
   use kinds, only: wp
   implicit none (type, external)
   private
-  public :: viscoelastic_terms, ghm_terms, maxwell_terms
+  public :: viscoelastic_terms
 
   !> The terms of one law; those of second order come first.
   type :: viscoelastic_terms
@@ -18,7 +18,6 @@ module viscoelastic_law
     real(wp), allocatable :: viscosity(:)      !! [s]
     real(wp), allocatable :: inertia(:)        !! [s2]
   contains
-    procedure :: combined
     procedure :: ratio
     procedure :: is_pole
     procedure :: slope
@@ -29,35 +28,6 @@ module viscoelastic_law
   end type viscoelastic_terms
 
 contains
-
-  !> The law of Golla, Hughes and McTavish: E(s)/E_R = 1 + sum of alpha (s2 + 2 zeta omega s)/(s2 + 2 zeta omega s + omega2).
-  pure type(viscoelastic_terms) function ghm_terms(alpha, zeta, omega) result(t)
-    real(wp), intent(in) :: alpha(:)           !! weights [-]
-    real(wp), intent(in) :: zeta(:)            !! damping ratios [-]
-    real(wp), intent(in) :: omega(:)           !! frequencies [rad/s]
-    t = viscoelastic_terms(size(alpha), 0, alpha, 2*zeta/omega, 1/omega**2)
-  end function ghm_terms
-
-  !> The generalised Maxwell law (a Prony series), springs in series with dashpots: E(s)/E_R = 1 + sum of alpha tau s/(1 + tau s).
-  pure type(viscoelastic_terms) function maxwell_terms(alpha, tau) result(t)
-    real(wp), intent(in) :: alpha(:)           !! weights [-]
-    real(wp), intent(in) :: tau(:)             !! relaxation times [s]
-    t = viscoelastic_terms(0, size(alpha), alpha, tau, 0*tau)
-  end function maxwell_terms
-
-  !> The terms of two laws that act together.
-  pure function combined(self, other) result(both)
-    class(viscoelastic_terms), intent(in) :: self
-    type(viscoelastic_terms), intent(in) :: other
-    type(viscoelastic_terms) :: both
-    associate (m => self%second, n => other%second)
-      both%second = m + n
-      both%first = self%first + other%first
-      both%alpha = [self%alpha(:m), other%alpha(:n), self%alpha(m + 1:), other%alpha(n + 1:)]
-      both%viscosity = [self%viscosity(:m), other%viscosity(:n), self%viscosity(m + 1:), other%viscosity(n + 1:)]
-      both%inertia = [self%inertia(:m), other%inertia(:n), self%inertia(m + 1:), other%inertia(n + 1:)]
-    end associate
-  end function combined
 
   !> E(s)/E_R - 1 [-].
   pure function ratio(self, s) result(g)
