@@ -402,6 +402,11 @@ def test_sampled_controller(run_deck):
 
 # --- what is refused or told
 
+GROWING = """&force name='c' body='ball' fx=0 /
+&force name='g' body='ball' fx=1 history='grows' /
+&history name='grows' coefficients=0,1 /
+&periodic """
+
 
 @pytest.mark.parametrize(
     ("change", "words"),
@@ -414,6 +419,7 @@ def test_sampled_controller(run_deck):
         (("method='rk4'", "method='rk4' stabilization='none'"), "expected 'projection'"),
         (("&transient method='rk4' step={T/500} output_step={T/50} /", ""), "expected &transient"),
         (("multipliers=2", "moves_on='tabel'"), "did you mean"),
+        (("&periodic ", GROWING), 'force/g: history "grows" does not repeat'),
     ],
 )
 def test_refused(run_deck, change, words):

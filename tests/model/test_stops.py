@@ -118,6 +118,16 @@ def test_a_start_beyond_a_limit_does_not_pull_back_what_leaves(run_deck):
     assert run.history["p.y"][-1] == pytest.approx(-0.01 + 0.3 - 0.5 * G * 0.01, rel=1e-9)
 
 
+def test_a_stop_is_described_at_a_hundredth_of_the_size(run_deck):
+    """1.5 K d^(1/2) at d = 0.01 S, S = 0.5 m: the distance of the stop's point from the guide's."""
+    deck = """&body name='b' mass=1 inertia=0.1 /
+&joint name='j' type='prismatic' body_a='b' /
+&stop name='s' type='position' body_a='b' point_a=0.5,0 upper=1 stiffness=1e6 /
+&transient method='rk4' step=1e-5 t_end=0.1 /
+"""
+    assert 'stop "s": stiffness 106066 N/m, against 1 kg' in run_deck(deck, "--check").stdout
+
+
 def events_of(run):
     """Return the rows of events.txt: time, element, state before and after, speed."""
     lines = (run.folder / "events.txt").read_text(encoding="utf-8").splitlines()

@@ -150,8 +150,8 @@ contains
           if (removed(dof, k)) call add_row(a, dof, (x(k) - x(1))/extent, (y(k) - y(1))/extent)
         end do
       end do
-      if (a(1, 1)*(a(2, 2)*a(3, 3) - a(2, 3)**2) - a(1, 2)*(a(1, 2)*a(3, 3) - a(1, 3)*a(2, 3)) &
-          + a(1, 3)*(a(1, 2)*a(2, 3) - a(2, 2)*a(1, 3)) > singular*max(a(1, 1) + a(2, 2) + a(3, 3), 1.0_wp)**3) return
+      if (a(1, 1)*(a(2, 2)*a(3, 3) - a(2, 3)**2) - a(2, 2)*a(1, 3)**2 &                  ! their determinant: no row has u and v
+          > singular*(a(1, 1) + a(2, 2) + a(3, 3))**3) return
       name = 'reference'
       if (b%reference == 'explicit') name = 'reference_dof'
       what = 'reference=''pinned'' (u and v of the first node, v of the last) leaves'
