@@ -406,6 +406,11 @@ GROWING = """&force name='c' body='ball' fx=0 /
 &force name='g' body='ball' fx=1 history='grows' /
 &history name='grows' coefficients=0,1 /
 &periodic """
+IN_A_FACTOR = """&force name='g' body='ball' fx=1 history='both' /
+&history name='both' kind='product' histories='along','late' /
+&history name='along' coefficients=1,1 argument='z.y' /
+&history name='late' kind='sine' amplitude=1 frequency=7 /
+&periodic """
 
 
 @pytest.mark.parametrize(
@@ -420,6 +425,7 @@ GROWING = """&force name='c' body='ball' fx=0 /
         (("&transient method='rk4' step={T/500} output_step={T/50} /", ""), "expected &transient"),
         (("multipliers=2", "moves_on='tabel'"), "did you mean"),
         (("&periodic ", GROWING), 'force/g: history "grows" does not repeat'),
+        (("&periodic ", IN_A_FACTOR), 'force/g: history "late" does not repeat'),
     ],
 )
 def test_refused(run_deck, change, words):
