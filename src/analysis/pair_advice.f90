@@ -107,9 +107,9 @@ contains
       w = last_digit(x)
       if (present(y)) w = max(w, last_digit(y))
       share = 0.5_wp*w*4/(sum(steps)/size(steps))**2/max(maxval(bend), tiny(1.0_wp))
-      if (share > tolerable) call text%warn(what//' '//quoted(trim(name))//' are written to '//to_text(w)//', which may make '// &
-        'the curvature err by '//to_text(anint(100*share))//' % of its largest value; forces on a profile follow it: fewer '// &
-        'points, more digits or a law')
+      if (share > tolerable .and. maxval(bend) > 0.0_wp) call text%warn(what//' '//quoted(trim(name))//' are written to '// &
+        to_text(w)//', which may make the curvature err by '//to_text(anint(100*share))//' % of its largest value; forces on a '// &
+        'profile follow it: fewer points, more digits or a law')
     end subroutine judge
   end subroutine judge_digits
 

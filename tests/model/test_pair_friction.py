@@ -262,3 +262,119 @@ def test_a_stop_softer_than_its_curvature_ends_the_run(run_deck):
     deck = ball("'dopri5' tolerance=1e-8", "&stop name='soft' profile='hill' stiffness=10 exponent=1", 1.0, 0.0)
     run = run_deck(deck.replace("stop='p'", "stop='soft'").replace("&sensor name='rub'", "! "), expect=1)
     assert 'stop "soft" is softer than its own curvature' in run.stderr
+
+
+@pytest.mark.parametrize("method", ALL[:2])
+def test_a_beam_follows_an_eccentric_circle_and_leaves_it(method, run_deck):
+    """A clamped beam with a roller at its end: columns and events of two dense elements of Euler and Bernoulli."""
+    mass, stiff, lump, load = np.zeros((6, 6)), np.zeros((6, 6)), 0.01, np.zeros(6)
+    length, mu, bending = 0.15, 2700 * 0.012 * 0.004, 7e10 * 0.012 * 0.004**3 / 12
+    for i in (0, 2):
+        at = np.ix_(range(i, i + 4), range(i, i + 4))
+        a, s = length, length**2
+        stiff[at] += bending / a**3 * np.array(
+            [[12, 6 * a, -12, 6 * a], [6 * a, 4 * s, -6 * a, 2 * s], [-12, -6 * a, 12, -6 * a], [6 * a, 2 * s, -6 * a, 4 * s]]
+        )
+        mass[at] += mu * a / 420 * np.array(
+            [
+                [156, 22 * a, 54, -13 * a],
+                [22 * a, 4 * s, 13 * a, -3 * s],
+                [54, 13 * a, 156, -22 * a],
+                [-13 * a, -3 * s, -22 * a, 4 * s],
+            ]
+        )
+        load[i : i + 4] -= G * mu * a * np.array([1 / 2, a / 12, 1 / 2, -a / 12])
+    mass[4, 4] += lump
+    load[4] -= G * lump
+    inverse, stiff, load = np.linalg.inv(mass[2:, 2:]), stiff[2:, 2:], load[2:]
+    speed, start, arm, reach, hard, loss = 150.0, -1.2, 0.004, 0.026, 2e5, 0.3
+    axis = np.array([2 * length - arm * np.cos(start), -reach - arm * np.sin(start) - 1e-4])
+
+    def contact(y):
+        """Gap, its rate, the vertical part of the normal, the touching place; the last state is the time."""
+        turn = np.array([np.cos(start + speed * y[8]), np.sin(start + speed * y[8])])
+        away = np.array([2 * length, y[2]]) - axis - arm * turn
+        far = np.hypot(*away)
+        normal = away / far
+        rate = normal @ (np.array([0.0, y[6]]) - arm * speed * np.array([-turn[1], turn[0]]))
+        return far - reach, rate, normal[1], axis + arm * turn + 0.02 * normal
+
+    def press(y, touches):
+        gap, rate, _, _ = contact(y)
+        return touches * hard * max(-gap, 0.0) ** 1.5 * (1 - loss * rate)
+
+    def rates(y, touches):
+        force = load - stiff @ y[:4]
+        force[2] += press(y, touches) * contact(y)[2]
+        return [*y[4:8], *(inverse @ force), 1.0]
+
+    deck = f"""&scene gravity=0,-{G} /
+&material name='al' density=2700 young=7e10 /
+&section name='s' shape='rectangle' width=0.012 height=0.004 /
+&body name='beam' kind='beam' length=0.3 elements=2 material='al' section='s' axial=.false. reference='clamped' /
+&lump body='beam' node=-1 mass={lump} /
+&joint name='wall' type='weld' body_a='beam' node_a=1 /
+&profile name='disc' kind='circle' radius=0.02 /
+&body name='cam' mass=1 inertia=1e-3 angle={start} position={axis[0]},{axis[1]} /
+&joint name='shaft' type='revolute' body_a='cam' point_b={axis[0]},{axis[1]} /
+&history name='w' kind='polynomial' coefficients={speed} /
+&drive name='motor' type='rotation' body_a='cam' history='w' rate=.true. /
+&stop name='c' type='profile' body_a='beam' node_a=-1 radius=0.006 body_b='cam' point_b={arm},0 profile='disc'
+  stiffness={hard} exponent=1.5 damping={loss} /
+&sensor name='tip' quantity='deflection' body='beam' node=-1 /
+&sensor name='mid' quantity='deflection' body='beam' node=2 /
+&sensor name='c' quantity='contact' stop='c' /
+&transient t_end=0.024 output_step=0.001 method={method} /
+"""
+    run = run_deck(deck)
+    h = run.history
+    roots = lambda touches: [lambda y: (1 - 2 * touches) * contact(y)[0]]  # noqa: E731
+    exact, modes, events = march(rates, roots, lambda _, touches, __: 1 - touches, np.zeros(9), 0, h["t"])
+    assert len(events) > 2
+    np.testing.assert_allclose(times_of(run)[0], events, rtol=0, atol=1e-9)
+    columns = {"tip.v": exact[2], "tip.r": exact[3], "mid.v": exact[0]}
+    columns["c.f"] = np.array([press(y, touches) for y, touches in zip(exact.T, modes, strict=True)])
+    columns["c.gap"], _, _, place = zip(*map(contact, exact.T), strict=True)
+    columns["c.x"], columns["c.y"] = np.array(place).T
+    for name, values in columns.items():
+        np.testing.assert_allclose(h[name], values, rtol=0, atol=1e-7 * np.ptp(values), err_msg=name)
+
+
+@pytest.mark.parametrize("method", ALL)
+def test_a_block_stops_on_a_floor_that_yields(method, run_deck):
+    """A stop of a position: by its weight times the coefficient, at the place and time that follow."""
+    run = run_deck(f"""&scene gravity=0,-{G} /
+&body name='b' mass=2 inertia=1 position=0,{{-2*{G}/1e5}} velocity=3,0 /
+&spring name='t' type='torsional' body_a='b' stiffness=1e3 free_angle=0 /
+&stop name='p' type='position' body_a='b' direction={{90*deg}} lower=0 stiffness=1e5 exponent=1 friction=0.25 friction_static=0.3 /
+&sensor name='y' quantity='position' body='b' /
+&sensor name='rub' quantity='friction' stop='p' /
+&transient t_end=2 output_step=0.02 method={method.replace("2e-4", "1e-2")} /
+""")
+    h, rest = run.history, 3 / (0.25 * G)
+    way = np.where(h["t"] < rest, 3 * h["t"] - 0.125 * G * h["t"] ** 2, 1.5 * rest)
+    np.testing.assert_allclose(h["y.x"], way, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(h["rub.f"], np.where(h["t"] < rest, 0.5 * G, 0.0), rtol=0, atol=1e-9)  # along -x
+    found, words = times_of(run)
+    np.testing.assert_allclose(found, [rest], rtol=0, atol=1e-10)
+    assert words == [["backward", "stuck"]]
+    stop = run.transient["friction"][0]
+    assert stop["slid"] == pytest.approx(1.5 * rest)
+    assert stop["lost"] == pytest.approx(9.0)
+
+
+def test_a_pin_that_rubs_in_its_hole_is_a_roller_in_a_ring(run_deck):
+    deck = f"""&scene gravity=0,-{G} /
+&profile name='ring' kind='circle' radius=0.012 hollow=.true. /
+&body name='b' mass=1 inertia=6e-4 com=0.1,0 angle=0.2 angular_velocity=30 /
+&stop name='p' type=PAIR body_a='b' friction=0.3 friction_static=0.4 stiffness=4e6 damping=0.5 /
+&sensor name='w' quantity='angle' body='b' /
+&sensor name='s' quantity='stop' stop='p' /
+&sensor name='rub' quantity='friction' stop='p' /
+&transient t_end=0.2 method='dopri5' tolerance=1e-9 output_step=0.01 /
+"""
+    words = ["'clearance' gap=0.0003 pin_radius=0.0117", "'profile' profile='ring' radius=0.0117 body_b='ground'"]
+    pin, ring = [run_deck(deck.replace("PAIR", pair), name=pair[1:5]).history for pair in words]
+    for name in ("w", "s.f", "rub.f", "rub.rate"):
+        np.testing.assert_allclose(pin[name], ring[name], rtol=0, atol=1e-9 * np.abs(ring[name]).max())
+    assert np.abs(pin["rub.f"]).max() > 1.0
