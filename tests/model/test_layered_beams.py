@@ -5,6 +5,7 @@ converge to, and how fast.
 """
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -450,6 +451,8 @@ def test_sections_of_one_layer_lose_by_material(run_deck):
     run = run_deck(deck + "&transient t_end=2e-3 method='radau' tolerance=1e-4 output_step=1e-3 /\n")
     ((lost, words),) = ((one.pop("lost"), one) for one in run.transient["losses"])
     assert words == {"material": "pad", "kind": "GHM", "term": 1}
+    for body in run.figures["scene"]["bodies"]:
+        assert [body["sections"][0][0][end] for end in ("from", "to")] == pytest.approx([-0.015, 0.015])
     assert lost == pytest.approx(run.energy["dissipated"][-1], rel=1e-9)
 
 
@@ -470,9 +473,14 @@ def test_where_the_theory_of_layers_ends(length, section, named, run_deck):
         "&joint name='a' type='revolute' body_a='b' node_a=1 /\n&joint name='c' type='slider' body_a='b' node_a=-1 /\n"
         "&modal modes=1 /\n"
     )
-    warnings = run_deck(deck).figures.get("warnings", [])
+    figures = run_deck(deck).figures
+    warnings = figures.get("warnings", [])
     assert len(warnings) == len(named)
     assert all(words in warning for words, warning in zip(named, warnings))
+    if "resonance" in "".join(named):
+        omega = 2 * np.pi * max(pole["frequency"] for pole in figures["modes"]["poles"])
+        across = 2 * 1.49 * 4e5 * ratio(1j * omega).real / 4e-3 * (1 / 6e-3 + 1 / 3e-3) / 7850
+        assert float(re.search(r"as fast as ([\d.]+) of", warnings[0])[1]) == pytest.approx(omega / np.sqrt(across), abs=0.006)
 
 
 def test_a_core_that_shears_far_is_named(run_deck):
