@@ -30,8 +30,10 @@ class Drawing(Figure):
                 axis.set_minor_formatter(PlainLog())
         if not self.placed:
             extents = [legend.get_window_extent().transformed(self.transFigure.inverted()) for legend in self.legends]
-            low = max((one.y1 for one in extents if one.y0 < 0.5), default=0.0)
-            self.tight_layout(rect=(0.0, low, 1.0, min((one.y0 for one in extents if one.y0 >= 0.5), default=1.0)))
+            below = max((one.y1 for one in extents if one.y0 < 0.5), default=0.0)
+            above = max((1.0 - one.y0 for one in extents if one.y0 >= 0.5), default=0.0)
+            self.tight_layout()  # with a `rect` it measures twice
+            self.subplots_adjust(bottom=self.subplotpars.bottom + below, top=self.subplotpars.top - above)
             self.placed = True
 
     def savefig(self, *args: object, **how: object) -> None:
