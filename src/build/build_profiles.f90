@@ -196,9 +196,10 @@ contains
     x = r%scale*r%x
     y = r%scale*r%y
     n = size(x)
-    if (r%closed .and. (abs(x(n) - x(1)) > 0.0_wp .or. abs(y(n) - y(1)) > 0.0_wp)) then
-      x = [x, x(1)]
-      y = [y, y(1)]
+    if (r%closed) then                                ! the last point may be the first one, as files have it
+      if (hypot(x(n) - x(1), y(n) - y(1)) <= closes*maxval(hypot(x, y))) n = n - 1
+      x = [x(:n), x(1)]
+      y = [y(:n), y(1)]
       n = n + 1
     end if
     if (.not. r%closed .or. sum(x(:n - 1)*y(2:) - x(2:)*y(:n - 1)) < 0.0_wp) then

@@ -25,18 +25,17 @@ contains
   subroutine check_points(deck, r)
     class(deck_source), intent(inout) :: deck
     type(profile_record), intent(inout) :: r
+    real(wp), allocatable :: chord(:)             ! between neighbours [m]
     integer :: k, least
     call read_lists(deck, r%at%file, 'x', 'y', r%file, r%columns, r%x, r%y, r%file_digest)
-    if (.not. deck%is_clean()) return
+    if (.not. deck%is_clean() .or. size(r%x) /= size(r%y)) return   ! which is told where the group ends
     least = merge(3, 2, r%closed)
     if (size(r%x) < least) call deck%complain(either('file', 'x', deck%is_given('file')), 'the profile has '// &
       to_text(size(r%x))//' points, expected at least '//to_text(least))
-    do k = 2, min(size(r%x), size(r%y))
-      if (abs(r%x(k) - r%x(k - 1)) > 0.0_wp .or. abs(r%y(k) - r%y(k - 1)) > 0.0_wp) cycle
-      call deck%complain(either('file', 'x', deck%is_given('file')), 'points '//to_text(k - 1)//' and '//to_text(k)// &
-        ' of the profile coincide, expected each once')
-      return
-    end do
+    chord = hypot(r%x(2:) - r%x(:size(r%x) - 1), r%y(2:) - r%y(:size(r%y) - 1))
+    k = findloc(chord <= 4*epsilon(1.0_wp)*sum(chord), .true., 1)
+    if (k > 0) call deck%complain(either('file', 'x', deck%is_given('file')), 'points '//to_text(k)//' and '//to_text(k + 1)// &
+      ' of the profile coincide beside its length of '//to_text(sum(chord))//', expected each once')
   end subroutine check_points
 
   !> The law of a roller, of an arm or of a face.
