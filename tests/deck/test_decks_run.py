@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from biela import sweep
+from biela.mechanism import from_run
 from conftest import ROOT, Run
 
 DECKS = sorted(path.stem for path in (ROOT / "input").glob("*.nml"))
@@ -93,6 +94,8 @@ def test_a_valve_train_lifts_off_at_the_speed_of_the_closed_form(run_deck):
     at = h["contact.f"].argmax()
     assert pair["largest_force"] == h["contact.f"][at]
     assert pair["largest_at"] == h.time[at]
+    (drawn,) = from_run(run.motion).stops
+    assert drawn.force[0] == pytest.approx(h["contact.f"][0] / h["contact.f"][at], rel=1e-9)
     angle = np.mod(factor * speed * h.time[at] - np.radians(5.0), 2 * np.pi)
     rho = 18e-3 + np.interp(angle, rise * x, s[: len(x)]) + np.interp(angle, rise * x, curve[: len(x)])
     assert h["contact.p"][at] == pytest.approx(np.sqrt(h["contact.f"][at] * 115e9 / (np.pi * rho * 12e-3)), rel=1e-4)
