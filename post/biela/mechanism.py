@@ -318,8 +318,8 @@ def _add_forces(mechanism: Mechanism, folder: Path) -> None:
     for column in history.names if history else ():
         name, _, part = column.rpartition(".")
         if part == "f" and (pair := pairs.get(shown.get(name.lower()) or "")):
-            force = np.interp(mechanism.time, history.time, history[column])
-            pair.force = force / (np.abs(force).max() or 1.0)
+            largest = np.abs(history[column]).max() or 1.0
+            pair.force = np.interp(mechanism.time, history.time, history[column]) / largest
 
 
 def add_scene(mechanism: Mechanism, figures: dict, path: Path) -> None:

@@ -46,7 +46,7 @@ contains
       cycle%error = [real(wp) ::]
       call cycle%find_cycle(run, start, period)
       call heat%begin(run)
-      if (size(heat%part) > 0) call heat%settle(run, cycle)
+      if (cycle%found .and. size(heat%part) > 0) call heat%settle(run, cycle)
       if (cycle%found) call cycle%find_multipliers(run, p%multipliers)
       now = huge(1.0_wp)
       do while (cycle%found .and. (accuracy > 0.0_wp .or. run%d%transient%check_error))
