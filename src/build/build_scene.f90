@@ -80,7 +80,7 @@ contains
     call list_integrated(d, s)
     do k = 1, s%acting
       associate (f => s%forces(k)%item, pair => acting(:, s%permanent + k)%marker)
-        moment_only = f%switches .and. .not. any(f%acts .and. [.true., .true., .false., .true., .true., .false.])
+        moment_only = f%switches .and. .not. any(f%acts(1:2))
         f%ia = find_marker(s, markers, pair(1), moment_only)
         f%ib = find_marker(s, markers, pair(2), moment_only)
         if (allocated(f%measure)) then
