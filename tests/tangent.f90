@@ -8,6 +8,7 @@
 program tangent
   use kinds, only: wp
   use deck_reader, only: read_deck
+  use error_groups, only: group_unknowns
   use errors, only: failure, fault_list
   use friction_law, only: row_slips, row_stuck
   use generalized_alpha, only: chung_hulbert
@@ -15,9 +16,11 @@ program tangent
   use alpha_start, only: start_method
   use alpha_state, only: alpha_solver, set_up_alpha
   use scene_run, only: run_state, prepare_run
+  use step_control, only: error_norm
   implicit none (type, external)
   type(run_state) :: run
   type(alpha_solver) :: solver
+  type(error_norm) :: norm
   type(fault_list) :: faults
   type(failure) :: fail
   character(512) :: word(6)
@@ -39,7 +42,9 @@ program tangent
   end if
   if (fail%happened()) error stop 2, quiet=.true.
   call run%sys%start_implicit(.false.)
-  call set_up_alpha(solver, run%sys, chung_hulbert(rho))
+  call group_unknowns(run%sys%m%s, norm)
+  call norm%watch(run%y)
+  call set_up_alpha(solver, run%sys, chung_hulbert(rho), norm)
   call start_method(solver, run%sys, 0.0_wp, h, run%y)
   associate (s => run%sys%m%s, states => run%sys%ev%switches%state)
     if (word(4) /= 'march') states(size(s%switching) + 1:s%elements) = merge(row_slips, row_stuck, mod(seed, 2) == 1)
@@ -62,9 +67,10 @@ contains
     read (word(6), *) interval
     each = nint(interval/h)
     do i = 1, times*each
-      call solve_trial(solver, run%sys, i*h, .false., ok)
+      call solve_trial(solver, run%sys, norm, i*h, .false., ok)
       if (.not. ok) error stop 3, quiet=.true.
       call take_trial(solver, run%sys, i*h)
+      call norm%watch(solver%x(1:solver%nq))
       if (mod(i, each) > 0) cycle
       write (*, '(a, *(1x, es23.16))') 'q', solver%x(1:solver%nq)
       write (*, '(a, *(1x, es23.16))') 'v', solver%v(1:solver%nq)

@@ -20,6 +20,7 @@ module step_control
     logical, allocatable :: rate(:)           !! (groups) rates: their floor is that of the values over the step
     real(wp), allocatable :: bound(:)         !! (groups) values above it have no physical meaning [unit of the group]
     real(wp), allocatable :: largest(:)       !! (groups) largest value so far [unit of the group]
+    logical, allocatable :: steady(:)         !! (groups) positions of frames: Newton's method measures them by the scene's size
     real(wp), allocatable :: scale(:)         !! (groups) work [unit of the group]
     logical, allocatable :: slope(:)          !! (groups) rates whose derivatives are measured too: accelerations
     real(wp), allocatable :: steepest(:)      !! (groups) largest such derivative so far [unit/s]

@@ -22,7 +22,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("fixed_step", "fixed_stepper", "fixed_step", "self"): {"method"},
     ("step_control", "step_controller", "adaptive_pair", "self%control"): {"order"},
     ("step_control", "error_norm", "adaptive_pair", "self%norm"): {
-        *("group", "floor", "rate", "slope", "fastest", "bound"),
+        *("group", "floor", "rate", "slope", "fastest", "bound", "steady"),
         "scale",
     },
     ("adaptive_pair", "adaptive_stepper", "adaptive_pair", "self"): {
@@ -30,14 +30,13 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     },
     ("implicit_march", "implicit_stepper", "implicit_march", "self"): set(),
     ("step_control", "error_norm", "implicit_march", "self%norm"): {
-        *("group", "floor", "rate", "slope", "fastest", "bound", "scale", "steepest", "noise"),
+        *("group", "floor", "rate", "slope", "fastest", "bound", "steady", "scale", "steepest", "noise"),
     },
-    ("position_measures", "position_measure", "alpha_state", "self%measure"): {"group", "grows", "weight", "by_scene"},
     ("radau_stepper", "step_memory", "radau_stepper", "self%memory"): set(),
     ("alpha_stepper", "alpha_march", "alpha_stepper", "self"): {"spectral_radius"},
     ("alpha_state", "alpha_solver", "alpha_state", "self"): {
         *("method", "nq", "nz", "nzd", "x1", "v1", "vd1", "lambda1", "dx", "dlambda", "needs_factors", "h_tried"),
-        *("gaps", "gain", "resolved", "r", "closing", "closing_lambda", "offset1"),
+        *("gaps", "gain", "resolved", "r", "closing", "closing_lambda", "offset1", "by_group", "by_scene"),
     },
     ("alpha_state", "energy_sums", "alpha_state", "self%energy"): {"pairs", "next"},
     ("alpha_state", "newton_memory", "alpha_state", "self%newton"): set(),

@@ -25,7 +25,7 @@ contains
     allocate (norm%group(s%ny), source=0)
     allocate (norm%floor(n), source=least_scale*s%size)
     allocate (norm%bound(n), source=huge(1.0_wp))
-    allocate (norm%rate(n), norm%slope(n), source=.false.)
+    allocate (norm%rate(n), norm%slope(n), norm%steady(n), source=.false.)
     allocate (norm%largest(n), norm%scale(n), norm%steepest(n), norm%noise(n), source=0.0_wp)
     norm%rate(2:n:2) = .true.
     do b = 1, size(s%bodies)
@@ -35,6 +35,7 @@ contains
         norm%bound(x) = absurd*norm%floor(x)
       end associate
       norm%bound(number(b, angle)) = most_angle
+      norm%steady([number(b, translation), number(b, angle)]) = .true.
     end do
     do k = 1, size(s%forces)
       n = 2*(kinds_of_group*size(s%bodies) + k) - 1

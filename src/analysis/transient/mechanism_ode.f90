@@ -20,9 +20,7 @@ module mechanism_ode
   use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, rounding_scale_of
   use newton_start, only: smooth_accelerations, row_gaps, row_correction_by_mass
   use newton_system, only: newton_matrix, set_up_newton
-  use position_measures, only: position_measure
   use stage_equations, only: factor_stages, complex_tangents
-  use step_control, only: least_scale
   use switched_rows, only: slip_gaps
   implicit none (type, external)
   private
@@ -88,7 +86,6 @@ contains
         self%inertia(t%first:t%last) = t%inertia
       end associate
     end do
-    self%measure = measure_of(self%m)
   end subroutine start_implicit
 
   !> Elements that are inactive have no rows in the border of implicit steps: open stops would widen its band.
@@ -105,32 +102,6 @@ contains
     call change_rows(self%t%t, self%m, lists)
     if (allocated(self%stages)) call change_complex(self%stages, self%m, lists)
   end subroutine choose_rows
-
-  !> Groups in which positions are measured, four a body: origin, angle, elastic translations, elastic rotations.
-  pure type(position_measure) function measure_of(m) result(x)
-    type(mechanism_model), intent(in) :: m
-    integer :: b, i
-    associate (s => m%s)
-      allocate (x%group(s%nq), x%scale(4*size(s%bodies)), x%grows(4*size(s%bodies)))
-      allocate (x%weight(s%nq), source=1.0_wp)
-      allocate (x%by_group(s%nq), source=0.0_wp)
-      do b = 1, size(s%bodies)
-        associate (body => s%bodies(b))
-          i = s%qo(b)
-          x%group(i + 1:i + 2) = 4*b - 3
-          x%group(i + 3) = 4*b - 2
-          x%group(i + 4:i + 3 + body%nf) = 4*b - 1
-          if (body%flexible) then
-            where (body%basis%rotation) x%group(i + 4:i + 3 + body%nf) = 4*b
-            x%weight(i + 4:i + 3 + body%nf) = body%basis%reach
-          end if
-          x%scale(4*b - 3:4*b) = [s%size, 1.0_wp, least_scale*s%size, least_scale]
-          x%grows(4*b - 3:4*b) = [.false., .false., .true., .true.]   ! frames' groups keep the scene's size, one radian
-        end associate
-      end do
-      x%by_scene = x%weight/merge(1.0_wp, s%size, mod(x%group, 2) == 0)
-    end associate
-  end function measure_of
 
   !> Takes the constants of a step and factors the elastic blocks.
   subroutine mechanism_prepare(self, c1, c2, near, ok)

@@ -4,6 +4,7 @@ module alpha_newton
   use kinds, only: wp
   use alpha_state, only: alpha_solver
   use second_order_system, only: full_block_contraction, full_block_steps, near_length, second_order_ode
+  use step_control, only: error_norm
   implicit none (type, external)
   private
   public :: solve_trial, take_trial, prepare_step, find_offsets, find_offset
@@ -20,14 +21,21 @@ module alpha_newton
 contains
 
   !> Tries a step to time t1; ok is false where Newton's method fails.
-  subroutine solve_trial(self, system, t1, same_start, ok)
+  subroutine solve_trial(self, system, norm, t1, same_start, ok)
     type(alpha_solver), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
+    type(error_norm), intent(in) :: norm
     real(wp), intent(in) :: t1                !! [s]
     logical, intent(in) :: same_start   !! the trial before was a step of another length from the same state
     logical, intent(out) :: ok
     real(wp) :: share                         ! of the change in that trial, of which the first guess is made [-]
     logical :: slowly, exact
+    integer :: k
+    do k = 1, self%nq
+      associate (g => norm%group(k))
+        if (.not. norm%steady(g)) self%by_group(k) = 1/max(norm%largest(g), norm%floor(g))
+      end associate
+    end do
     share = 0.0_wp
     if (same_start) share = self%now%h/self%h_tried
     self%h_tried = self%now%h
@@ -121,7 +129,7 @@ contains
     associate (n => size(gap, 2))
       call system%gap_correction(x(1:self%nq), gap, self%closing(:, 1:n), self%closing_lambda(:, 1:n))
       do k = 1, n
-        moves_little(k) = count(.not. to_positions(k)*abs(self%closing(:, k))*self%measure%by_scene <= system%rounding_scale) == 0
+        moves_little(k) = count(.not. to_positions(k)*abs(self%closing(:, k))*self%by_scene <= system%rounding_scale) == 0
       end do
     end associate
   end subroutine close_rows
@@ -271,7 +279,7 @@ contains
     real(wp) :: rate, d, ratio, change, scene_change
     integer :: i
     yes = .false.
-    associate (n => self%newton, s => self%measure)
+    associate (n => self%newton)
       n%steps = n%steps + 1
       if (n%steps > most_age .or. n%exact .neqv. exact) return
       if (system%weak_rows .or. .not. (n%h > 0.0_wp .and. n%first > 0.0_wp)) return
@@ -283,8 +291,8 @@ contains
       scene_change = 0.0_wp
       do i = 1, self%nq
         d = abs(self%vd1(i) - self%vd(i) - ratio*n%change(i))/self%now%c1
-        change = max(change, d*s%by_group(i))
-        scene_change = max(scene_change, d*s%by_scene(i))
+        change = max(change, d*self%by_group(i))
+        scene_change = max(scene_change, d*self%by_scene(i))
       end do
     end associate
     yes = rate*norm <= error_share*change .and. rate*scene_norm <= error_share*scene_change
@@ -302,8 +310,8 @@ contains
     finite = .true.
     do i = 1, self%nq
       d = abs(self%dx(i))
-      norm = max(norm, d*self%measure%by_group(i))
-      scene_norm = max(scene_norm, d*self%measure%by_scene(i))
+      norm = max(norm, d*self%by_group(i))
+      scene_norm = max(scene_norm, d*self%by_scene(i))
       finite = finite .and. d < huge(1.0_wp)
     end do
     if (.not. finite) norm = huge(1.0_wp)
@@ -344,7 +352,6 @@ contains
       self%offset = self%offset1
     end associate
     if (self%newton%exact_left > 0) self%newton%exact_left = self%newton%exact_left - 1
-    call self%measure%widen(self%x)
     if (system%weak_rows) call find_offset(self, system, t1)
   end subroutine take_trial
 

@@ -41,7 +41,6 @@ contains
     self%offset = 0.0_wp
     if (ok) call find_offset(self, system, t)
     self%lag(1:self%nq) = self%method%lag/(self%method%offset*h**2)*self%offset
-    call self%measure%widen(self%x)
   end subroutine start_method
 
   !> Coefficients and constant factors of a step size.

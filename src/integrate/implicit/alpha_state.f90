@@ -4,8 +4,8 @@ module alpha_state
   use kinds, only: wp, ip
   use archive, only: value_archive
   use generalized_alpha, only: alpha_method, alpha_step, step_coefficients
-  use position_measures, only: position_measure
   use second_order_system, only: second_order_ode
+  use step_control, only: error_norm, least_scale
   implicit none (type, external)
   private
   public :: set_up_alpha, pack, exchange_alpha
@@ -52,17 +52,19 @@ module alpha_state
     type(energy_sums) :: energy
     real(wp) :: h_tried = 0.0_wp             !! length of the trial step [s]
     logical :: needs_factors = .false.   !! restored: factors are to be made again
-    type(position_measure) :: measure
+    real(wp), allocatable :: by_group(:)     !! (nq) one over the largest value of each one's group so far [1/m, 1/rad]
+    real(wp), allocatable :: by_scene(:)     !! (nq) one over the scene's size or one radian [1/m, 1/rad]
     type(newton_memory) :: newton
   end type alpha_solver
 
 contains
 
   !> Prepares the variables for one spectral radius.
-  subroutine set_up_alpha(self, system, method)
+  subroutine set_up_alpha(self, system, method, norm)
     type(alpha_solver), intent(out) :: self
     class(second_order_ode), intent(in) :: system
     type(alpha_method), intent(in) :: method
+    type(error_norm), intent(in) :: norm
     integer :: n
     self%method = method
     self%nq = system%nq
@@ -76,7 +78,8 @@ contains
               self%gain(self%nz), self%resolved(self%nz), self%offset(self%nq), self%offset1(self%nq), &
               self%closing(self%nq, 3), self%closing_lambda(system%rows, 3), self%r(self%nq), source=0.0_wp)
     allocate (self%newton%change(self%nq), source=0.0_wp)
-    self%measure = system%measure
+    self%by_scene = least_scale/norm%floor(norm%group(1:self%nq))
+    self%by_group = self%by_scene
   end subroutine set_up_alpha
 
   !> Positions and rates, or rates and accelerations, with quadratures or their rates, in the system's layout.
@@ -104,7 +107,7 @@ contains
     call a%exchange(self%newton%steps, self%newton%exact_left)
     call a%exchange(self%x, self%v, self%vd, self%lag)
     call a%exchange(self%offset, self%lambda, self%energy%sums, self%energy%powers)
-    call a%exchange(self%newton%change, self%measure%scale, self%measure%by_group)
+    call a%exchange(self%newton%change)
     call a%exchange(self%newton%iterations, self%newton%factors(1), self%newton%factors(2))
     if (.not. a%saving) self%needs_factors = .true.
   end subroutine exchange_alpha

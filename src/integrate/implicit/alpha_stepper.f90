@@ -34,7 +34,7 @@ contains
     class(alpha_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     call system%start_implicit(.false.)
-    call set_up_alpha(self%solver, system, chung_hulbert(self%spectral_radius))
+    call set_up_alpha(self%solver, system, chung_hulbert(self%spectral_radius), self%norm)
   end subroutine set_up
 
   !> Tries a step. After a shorter one the method starts anew: a step knows its accelerations to the rounding of positions over h2,
@@ -58,7 +58,7 @@ contains
         call change_step(s, system, h, merge(near_length, 0.0_wp, self%roots%locating))
       end if
     end associate
-    call solve_trial(self%solver, system, self%tried, self%roots%locating, ok)
+    call solve_trial(self%solver, system, self%norm, self%tried, self%roots%locating, ok)
     self%solver%needs_factors = self%roots%locating   ! another step of this length has its own factors
   end subroutine solve_step
 

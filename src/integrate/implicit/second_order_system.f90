@@ -10,7 +10,6 @@
 module second_order_system
   use kinds, only: wp
   use ode_system, only: ode
-  use position_measures, only: position_measure
   implicit none (type, external)
   private
 
@@ -29,7 +28,6 @@ module second_order_system
     integer :: blocks = 0                     !! blocks that `prepare` factors, and `renew` where it is exact
     real(wp), allocatable :: viscosity(:)     !! (nz) of the internal variables' equations [s]
     real(wp), allocatable :: inertia(:)       !! (nz) 0: of first order [s2]
-    type(position_measure) :: measure         !! how positions are measured, before the first step
     real(wp) :: least_pivot = 1.0_wp          !! of the constraint rows: 1 where none depends on others [-]
     logical :: weak_rows = .false.            !! that pivot is so small that rows count as nearly dependent
     real(wp) :: shift = 0.0_wp                !! added to their diagonal to regularise dependent rows [-]

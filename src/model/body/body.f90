@@ -38,7 +38,6 @@ module body
     integer :: static_shapes = 0              !! static shapes among the coordinates
     real(wp) :: unit = 1.0_wp                 !! metres in a unit of what is no rotation: 1, of modes m^-1/2 [-]
     logical, allocatable :: rotation(:)       !! (nf) whether a coordinate is a node's rotation
-    real(wp), allocatable :: reach(:)         !! (nf) largest displacement or rotation of a node by a unit of it [-, kg^-1/2]
     integer :: rows = 0, columns = 0          !! of the deformations
     logical, allocatable :: angle(:)          !! whether a deformation is an angle: of a column, for all alike, or of every one
     real(wp) :: top_frequency = 0.0_wp        !! highest that the coordinates can follow [rad/s]

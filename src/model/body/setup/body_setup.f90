@@ -125,7 +125,6 @@ contains
     nodal%factors = 1
     nodal%rotation = [(.true., k=1, b%nf)]
     nodal%rotation(pack(b%dof(1:2, :), b%dof(1:2, :) > 0)) = .false.
-    nodal%reach = [(1.0_wp, k=1, b%nf)]
     nodal%top_frequency = pi**2*minval(sqrt(b%elements%ei_l/b%elements%mass)/b%elements%length)      ! half a wave an element
     do k = 1, size(b%segments)
       associate (segment => b%segments(k))

@@ -48,7 +48,6 @@ contains
     modal%static_shapes = static_shapes
     modal%unit = 1/sqrt(b%mass)
     modal%rotation = [(.false., k=1, size(w))]
-    modal%reach = maxval(abs(x), 1)
     allocate (modal%psi(0:b%nf, size(w)), source=0.0_wp)
     modal%psi(1:, :) = x
     modal%rows = size(w)
