@@ -269,8 +269,8 @@ contains
     type(pole_search), intent(inout) :: s
     type(mode_set), intent(inout) :: modes
     type(reduced_poles) :: poles
-    integer, allocatable :: members(:)
-    integer :: part, j, i, expected
+    integer, allocatable :: members(:), order(:)
+    integer :: part, j, i, k, expected
     logical :: ok
     expected = 0
     do part = 1, s%model%parts
@@ -280,7 +280,9 @@ contains
       if (.not. ok) modes%not_converged = modes%not_converged + 1
       if (.not. ok) cycle
       expected = expected + size(poles%lambda)
-      do i = 1, size(poles%lambda)
+      order = ascending(abs(poles%lambda))      ! of each part the slowest first, however the eigenvalues have been found
+      do k = 1, size(order)
+        i = order(k)
         if (caught_signal() > 0) return
         if (modes%match(poles%lambda(i))) cycle
         if (s%unlisted%match(poles%lambda(i))) cycle

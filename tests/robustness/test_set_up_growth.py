@@ -125,8 +125,7 @@ def test_the_modes_of_a_body_keep_their_digits_in_a_fine_mesh(run_deck, referenc
     found = []
     for elements in (300, 6000):
         run = run_deck(reduced(reference, elements), name=f"e{elements}")
-        rows = np.loadtxt(run.folder / "modes.txt")[:, 2:9]
-        found.append(rows[np.lexsort((rows[:, 5], rows[:, 0]))])  # real poles of a mode stand as LAPACK has found them
+        found.append(np.loadtxt(run.folder / "modes.txt")[:, 2:9])
     sizes = abs(found[0]).max(axis=0)
     np.testing.assert_allclose(found[1] / sizes, found[0] / sizes, rtol=1e-7, atol=1e-9)
 
