@@ -137,9 +137,8 @@ contains
       if (better) better = norm2(self%map%change(next)) < last
       if (better) now = next
       if (better .or. kept) cycle
-      call space%clear(size(r))
-      do k = 1, plain
-        call step(self, run, now, space, .false., next)
+      do k = 1, plain                                ! on and on, as the machine runs alone
+        call make_turn(self, run, self%map%moved(now%start, self%map%change(now)), now%period, next)
         if (self%fail%happened()) return
         if (next%lost) exit
         now = next

@@ -1,11 +1,13 @@
 !> orbit.txt: the state of a cycle at t = 0, from which the search of another one may start (biela --orbit FOLDER).
 module orbit_file
   use kinds, only: wp
+  use deck_tables, only: read_columns
   use errors, only: failure, status_bad_input
-  use readable_text, only: one_line
+  use readable_text, only: lf, one_line
   use scene_run, only: run_state, no_output
   use text, only: joined, to_text
   use text_file, only: result_file
+  use whole_file, only: read_file
   implicit none (type, external)
   private
   public :: write_orbit, read_orbit
@@ -46,29 +48,17 @@ contains
     character(*), intent(in) :: folder
     real(wp), intent(inout) :: period         !! of the cycle; left as it is where the deck gives it [s]
     type(failure), intent(inout) :: fail
-    character(:), allocatable :: expected
-    character(4096) :: line
-    real(wp) :: number, value                 ! [-], [any]
-    integer :: unit, status, count
-    logical :: known, opened
-    expected = heading(run)
-    known = .false.
-    count = 0
-    open (newunit=unit, file=folder//name, status='old', action='read', iostat=status)
-    opened = status == 0
-    do while (status == 0)
-      read (unit, '(a)', iostat=status) line
-      if (status /= 0) exit
-      known = known .or. line == expected
-      if (line(1:1) == '#') cycle
-      read (line, *, iostat=status) number, value
-      if (status /= 0) exit
-      if (nint(number) == 0 .and. run%d%periodic%free_period .and. value > 0.0_wp) period = value
-      if (nint(number) >= 1 .and. nint(number) <= size(run%y)) run%y(nint(number)) = value
-      count = count + 1
-    end do
-    if (opened) close (unit)
-    if (known .and. count == size(run%y) + 1) return
+    character(:), allocatable :: content, problem
+    real(wp), allocatable :: number(:), value(:)   ! [-], [any]
+    call read_file(folder//name, content, problem)
+    if (len(problem) == 0) then
+      call read_columns(content, [1, 2], number, value, problem)
+      if (index(content, heading(run)//lf) > 0 .and. size(value) == size(run%y) + 1) then
+        if (run%d%periodic%free_period) period = value(1)
+        run%y = value(2:)
+        return
+      end if
+    end if
     call fail%raise(status_bad_input, '--orbit: "'//folder//name//'" is not the cycle of a deck with the same bodies and '// &
                     'unknowns; expected the results of such a deck with &periodic')
   end subroutine read_orbit

@@ -5,7 +5,7 @@ module periodic_analysis
   use cycle_search, only: cycle_state
   use errors, only: failure, status_bad_input, status_failed
   use orbit_file, only: read_orbit, write_orbit
-  use periodic_words, only: cycle_lines, no_cycle, write_floquet
+  use periodic_words, only: cycle_lines, no_cycle
   use scene_run, only: run_state
   use self_heating, only: heat_balance
   use summary_text, only: summary_record
@@ -67,8 +67,7 @@ contains
     call set_transient(run, cycle%period)
     run%y = cycle%turn%start
     call write_orbit(run, cycle%period, fail)
-    call write_floquet(run, cycle, fail)
-    call cycle_lines(run, cycle, heat, text)
+    call cycle_lines(run, cycle, heat, text, fail)
   end subroutine run_periodic
 
   !> The transient follows the cycle: a period that was sought has as many steps and rows as the deck asks of the guess.

@@ -14,7 +14,7 @@ module periodic_words
   use text_file, only: result_file
   implicit none (type, external)
   private
-  public :: cycle_lines, no_cycle, write_floquet
+  public :: cycle_lines, no_cycle
 
 contains
 
@@ -68,14 +68,14 @@ contains
     words = '"'//element_name(run%sys%m, event%element)//'" at t = '//short_text(event%t, 4)//' s'
   end function event_words
 
-  !> The part of the summary.
-  subroutine cycle_lines(run, cycle, heat, text)
+  !> The part of the summary, and floquet.txt.
+  subroutine cycle_lines(run, cycle, heat, text, fail)
     type(run_state), intent(inout) :: run
     type(cycle_state), intent(in) :: cycle
     type(heat_balance), intent(in) :: heat
     type(summary_record), intent(inout) :: text
+    type(failure), intent(inout) :: fail
     integer, allocatable :: list(:)
-    real(wp) :: x(7)
     integer :: k
     associate (s => run%sys%m%s, turn => cycle%turn)
       call text%section('periodic', 'periodic')
@@ -91,15 +91,9 @@ contains
                         abs(cycle%map%columns_after(run, turn) - cycle%map%columns_after(run, cycle%coarse)), 2)
       end if
     end associate
-    list = told(cycle)
+    list = pack([(k, k=1, cycle%wanted)], [(k /= cycle%time, k=1, cycle%wanted)])   ! not the pair of time
     if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, [list, 0], text)
-    call text%open('multipliers', '[')
-    do k = 1, size(list)
-      x = figures(cycle, list(k))
-      call text%item('  multiplier '//to_text(k)//': {real 8} {imag 8} i, modulus {modulus 8}, error {error 1}; growth '// &
-                     '{growth 3} 1/s at {frequency 3} Hz; moves {moves='//mover(run, cycle, list(k))//'}', [x(1:5), abs(x(6))])
-    end do
-    call text%close()
+    call multiplier_lines(run, cycle, list, text, fail)
     call text%close()
   end subroutine cycle_lines
 
@@ -153,14 +147,6 @@ contains
                                       ' of a circle each period: the motion beats')
   end subroutine stability_lines
 
-  !> The pairs that are told: not that of time.
-  pure function told(cycle) result(list)
-    type(cycle_state), intent(in) :: cycle
-    integer, allocatable :: list(:)
-    integer :: k
-    list = pack([(k, k=1, cycle%wanted)], [(k /= cycle%time, k=1, cycle%wanted)])
-  end function told
-
   !> The unknown that a multiplier moves most, in words.
   function mover(run, cycle, k) result(words)
     type(run_state), intent(in) :: run
@@ -170,27 +156,28 @@ contains
     words = name_of(run%sys%m%s, cycle%map%compared(maxloc(abs(cycle%pairs%vector(:, k)), 1)))
   end function mover
 
-  !> Figures of a multiplier: real and imaginary part, modulus, error, growth, frequency, turns to a hundredth.
-  pure function figures(cycle, k) result(x)
-    type(cycle_state), intent(in) :: cycle
-    integer, intent(in) :: k                  !! its number among the pairs
-    real(wp) :: x(7)                          !! [-, -, -, -, 1/s, Hz, -]
-    associate (mu => cycle%pairs%value(k))
-      x = [mu%re, mu%im, abs(mu), cycle%error(k), log(abs(mu))/cycle%period, atan2(mu%im, mu%re)/(2*pi*cycle%period), &
-           log(0.01_wp)/log(abs(mu))]
-    end associate
-  end function figures
-
-  !> floquet.txt: one row a multiplier.
-  subroutine write_floquet(run, cycle, fail)
+  !> Each multiplier in the summary, and as a row of floquet.txt.
+  subroutine multiplier_lines(run, cycle, list, text, fail)
     type(run_state), intent(in) :: run
     type(cycle_state), intent(in) :: cycle
+    integer, intent(in) :: list(:)            !! pairs that are told
+    type(summary_record), intent(inout) :: text
     type(failure), intent(inout) :: fail
     type(result_file) :: file
-    integer, allocatable :: list(:)
+    real(wp) :: x(7, size(list))              ! [-, -, -, -, 1/s, Hz, -]
     integer :: k
+    call text%open('multipliers', '[')
+    do k = 1, size(list)
+      associate (mu => cycle%pairs%value(list(k)))
+        x(:, k) = [mu%re, mu%im, abs(mu), cycle%error(list(k)), log(abs(mu))/cycle%period, &
+                   atan2(mu%im, mu%re)/(2*pi*cycle%period), log(0.01_wp)/log(abs(mu))]
+      end associate
+      call text%item('  multiplier '//to_text(k)//': {real 8} {imag 8} i, modulus {modulus 8}, error {error 1}; growth '// &
+                     '{growth 3} 1/s at {frequency 3} Hz; moves {moves='//mover(run, cycle, list(k))//'}', &
+                     [x(1:5, k), abs(x(6, k))])
+    end do
+    call text%close()
     if (cycle%wanted == 0) return
-    list = told(cycle)
     call file%open(run%folder//'/floquet.txt')
     call file%head('Floquet multipliers of the cycle of '//to_text(cycle%period)//' s', run%d%name, run%sys%m%s%title)
     call file%line('# a disturbance is multiplied by one of them each period; frequency: up to whole multiples of '// &
@@ -200,11 +187,11 @@ contains
     end do
     call file%line('# columns: number[-] real[-] imag[-] modulus[-] error[-] growth[1/s] frequency[Hz] turns_to_hundredth[-]')
     do k = 1, size(list)
-      call file%row([real(k, wp), figures(cycle, list(k))])
+      call file%row([real(k, wp), x(:, k)])
     end do
     call file%close()
     if (file%failed) call no_output(run, fail)
-  end subroutine write_floquet
+  end subroutine multiplier_lines
 
   !> An unknown in words.
   function name_of(s, unknown) result(name)

@@ -136,7 +136,12 @@ contains
     turn%slope = y
     call system%derivative(period, y, .true., turn%slope)
     turn%events = system%events
-    turn%remembers = findloc([(remembers(system, k), k=1, system%m%s%stops)], .true., 1)
+    do k = 1, system%m%s%stops
+      select type (stop => system%m%s%forces(system%m%s%switching(k))%item)
+      class is (stop_model)                          ! its force depends on the speed at touching, which the state does not tell
+        if (stop%rebound > 0.0_wp .and. system%ev%switches%state(k) /= stop_open) turn%remembers = k
+      end select
+    end do
     turn%range = pack(high - low, first)
     method%roots = root_watch()                      ! gfortran 12 frees the first of two components of one type alone
   end subroutine march
@@ -204,17 +209,6 @@ contains
     call system%derivative(0.0_wp, y, .false., slope)
     call read_sensors(run%list, system%m, system%ev, y, values)
   end function columns_after
-
-  !> Whether a stop touches whose force depends on the speed at touching, which the state does not tell.
-  logical function remembers(system, i) result(yes)
-    type(mechanism_system), intent(in) :: system
-    integer, intent(in) :: i                         !! the stop's number among the elements that switch
-    yes = .false.
-    select type (stop => system%m%s%forces(system%m%s%switching(i))%item)
-    class is (stop_model)
-      yes = stop%rebound > 0.0_wp .and. system%ev%switches%state(i) /= stop_open
-    end select
-  end function remembers
 
   !> Steps and scales by the first turn. An unknown's scale is the range of the largest in its group, at least a thousandth of the
   !> largest group of its kind; where nothing of that kind moves, a thousandth of the scene's size. Angles have at most a radian.
