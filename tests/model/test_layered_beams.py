@@ -330,10 +330,11 @@ def test_each_layer_stores_what_its_strains_say(run_deck, base):
         "&joint name='wall' type='weld' body_a='b' node_a=1 /\n&force name='f' type='force' body='b' node=2 fx=300 fy=-4 /\n"
         + "".join(f"&sensor name='{x}' quantity='coordinate' body='b' index={k} /\n" for k, x in enumerate(names, 1))
         + "".join(f"&sensor name='layer{k}' quantity='energy' body='b' layer={k} /\n" for k in (1, 2, 3))
-        + "&static /\n"
+        + "&sensor name='edge' quantity='slip' body='b' node=2 /\n&static /\n"
     )
     last = {name: column[-1] for name, column in read_static(run_deck(deck)).items()}
     p, u, v, r, g = (last[f"{x}.q"] for x in names)
+    assert last["edge.g1"] == g
     x, weight = np.polynomial.legendre.leggauss(6)
     x, weight = (x + 1) / 2, weight * length / 2
     one, side = np.ones(6), length * 6 * (1 - 2 * x) / length**2
