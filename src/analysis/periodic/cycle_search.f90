@@ -137,7 +137,7 @@ contains
       if (better) better = norm2(self%map%change(next)) < last
       if (better) now = next
       if (better .or. kept) cycle
-      do k = 1, plain                                ! on and on, as the machine runs alone
+      do k = 1, min(plain, self%most_turns - self%turns)   ! on and on, as the machine runs alone
         call make_turn(self, run, self%map%moved(now%start, self%map%change(now)), now%period, next)
         if (self%fail%happened()) return
         if (next%lost) exit
