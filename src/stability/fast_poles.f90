@@ -16,6 +16,8 @@ module fast_poles
 
   integer, parameter :: widest = 24                !! motions of the space
   integer, parameter :: most_damped = 4            !! of these, that dampers oppose most
+  integer, parameter :: most_unknowns = 200        !! of the eigenvalue problem, as first-order equations
+  integer, parameter :: least_motions = 5          !! smallest number of motions
   real(wp), parameter :: slow_part = 0.25_wp       !! squared frequency of motions that are left out, over the highest [-]
   real(wp), parameter :: least_part = 1.0e-6_wp    !! smallest stiffness of a segment that takes part, over the whole [-]
   real(wp), parameter :: slowest_part = 1.0e-5_wp  !! smallest frequency that is not a rigid motion's, over the highest [-]
@@ -29,23 +31,45 @@ module fast_poles
 contains
 
   !> The poles, after an iteration of `fast` for the stiffness.
-  subroutine find_fast_poles(m, ev, with_joints, fast, poles)
+  subroutine find_fast_poles(m, ev, with_joints, fast, poles, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     logical, intent(in) :: with_joints                    !! joints and drives act
     type(fast_spectrum), intent(inout) :: fast
     type(pole_list), intent(out) :: poles
+    logical, intent(out) :: ok                     !! false: too many sets of terms take part in each motion
     type(reduced_model) :: model
     real(wp), allocatable :: x(:, :)
     integer, allocatable :: group(:)
+    integer :: p
+    allocate (poles%lambda(0))
     call find_motions(m, ev, with_joints, fast, x)
     call sets_of_terms(m, ev, fast, x, model, group)
-    call project(m, ev, fast, group, x, model)
+    do p = size(x, 2), 1, -1
+      if (unknowns(fast, model, group, p) <= most_unknowns) exit
+    end do
+    ok = p >= min(least_motions, size(x, 2)) .and. p > 0
+    if (.not. ok) return
+    call project(m, ev, fast, group, x(:, 1:p), model)
     if (with_joints) call close_loops(m, ev, model)
     call model%find_scale()
     model%scale = max(model%scale, slowest_part*maxval(model%scale))
-    call solve(model, poles)
+    call solve(model, poles, ok)
   end subroutine find_fast_poles
+
+  !> Unknowns of first order of some motions: a spring has one deformation, a material as many as there are motions.
+  pure integer function unknowns(fast, model, group, motions) result(total)
+    type(fast_spectrum), intent(in) :: fast
+    type(reduced_model), intent(in) :: model
+    integer, intent(in) :: group(:), motions       !! of each segment its set; motions
+    integer :: r, deformations
+    total = 2*motions
+    do r = 1, size(model%law)
+      deformations = count(group == r)
+      if (any(group == r .and. fast%lin%segments%element == 0)) deformations = motions
+      total = total + min(deformations, motions)*model%law(r)%order()
+    end do
+  end function unknowns
 
   !> The sets of terms that take part in the motions; segments whose terms are the same make one set.
   subroutine sets_of_terms(m, ev, fast, x, model, group)
@@ -195,19 +219,20 @@ contains
   end subroutine close_loops
 
   !> Poles of all parts that do not couple.
-  subroutine solve(model, poles)
+  subroutine solve(model, poles, ok)
     type(reduced_model), intent(inout) :: model
-    type(pole_list), intent(out) :: poles
+    type(pole_list), intent(inout) :: poles
+    logical, intent(out) :: ok
     type(reduced_poles) :: found
     complex(wp) :: v(model%p)
     real(wp), allocatable :: y(:, :)               ! (p, poles) real parts, in the motions of the basis [-]
     integer :: part, i, j
-    logical :: ok                                  ! false: eigenvalues of a part do not converge
     call model%split_into_parts(usual_unknowns)
-    allocate (poles%lambda(0), y(model%p, 0))
+    allocate (y(model%p, 0))
+    ok = .true.
     do part = 1, model%parts
       call found%find(model, pack([(j, j=1, model%p)], model%label == part), .true., ok)
-      if (.not. ok) cycle
+      if (.not. ok) return
       poles%lambda = [poles%lambda, found%lambda]
       do i = 1, size(found%lambda)
         v = found%shape(:, i)

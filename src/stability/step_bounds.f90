@@ -22,6 +22,8 @@ module step_bounds
     type(bound_cause) :: cause(size(method_names))        !! what it belongs to
   end type step_bound
 
+  integer, parameter :: modes_examined = 6         !! fastest modes that are examined where too many laws take part in each
+
 contains
 
   !> Keeps the smaller bound of each method.
@@ -49,18 +51,22 @@ contains
     type(pole_list) :: poles
     real(wp) :: fastest                        ! [rad2/s2]
     integer :: k
+    logical :: damped
     if (with_joints) call fast%take_present_springs(m, ev)
     call fast%largest(m, ev, with_joints, only_stiffness, 100, fastest)
-    if (fast%damped .or. size(fast%lin%segments) > 0 .or. (with_joints .and. fast%loops)) then
-      call find_fast_poles(m, ev, with_joints, fast, poles)
-      do k = 1, size(poles%lambda)
+    damped = fast%damped .or. size(fast%lin%segments) > 0 .or. (with_joints .and. fast%loops)
+    if (damped) then
+      call find_fast_poles(m, ev, with_joints, fast, poles, damped)
+      do k = 1, merge(size(poles%lambda), 0, damped)
         call add_pole_bound(m, ev, fast, poles%lambda(k), poles%x(:, k), bound)
       end do
-    else if (fast%steps > 0) then
-      call fast%mode(m, ev, 1, f)
+    end if
+    do k = 1, merge(0, min(modes_examined, fast%steps), damped)
+      if (fast%e(fast%steps + 1 - k) < 0.25_wp*fastest) exit
+      call fast%mode(m, ev, k, f)
       call mode_cause(m, f, cause)
       call add_mode_bound(m, fast, f, cause, bound)
-    end if
+    end do
     call material_poles(m, ev, with_joints, fast, fastest, bound)
   end subroutine find_bound
 
