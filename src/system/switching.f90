@@ -7,10 +7,10 @@ module switching
   use marker_motion, only: marker_kinematics
   use mechanism, only: mechanism_model
   use root_watch, only: most_roots, watched_roots
-  use stops, only: stop_rebound
+  use stops, only: stop_model, stop_rebound
   implicit none (type, external)
   private
-  public :: start_states, watch_roots, pass_events, element_name, is_rigid_stop, state_word
+  public :: start_states, watch_roots, pass_events, element_name, is_rigid_stop, state_word, sunken_stop, too_soft
 
   !> An event of one element. The checkpoint keeps its words.
   type, public :: switch_event
@@ -130,6 +130,30 @@ contains
     integer, intent(in) :: i                  !! its number among those that switch
     yes = m%s%forces(m%s%switching(i))%item%row > 0
   end function is_rigid_stop
+
+  !> The number of a stop that is pressed in as deep as its profile's radius of curvature; 0: none.
+  pure integer function sunken_stop(m, ev) result(found)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer :: i
+    found = 0
+    do i = 1, m%s%stops
+      if (ev%switches%state(i) == 0 .or. is_rigid_stop(m, i)) cycle
+      select type (stop => m%s%forces(m%s%switching(i))%item)
+      class is (stop_model)
+        if (stop%measure%sunk(ev%p)) found = i
+      end select
+    end do
+  end function sunken_stop
+
+  !> What is wrong with that stop.
+  pure function too_soft(m, i) result(text)
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: i                  !! its number
+    character(:), allocatable :: text
+    text = 'stop "'//element_name(m, i)//'" is softer than its own curvature: the follower is in the profile by more than nine '// &
+           'tenths of its radius of curvature, where the normal of the contact loses its direction; expected a larger stiffness'
+  end function too_soft
 
   !> The name of an element.
   pure function element_name(m, i) result(name)

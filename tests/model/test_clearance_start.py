@@ -39,7 +39,7 @@ def first_row(run_deck, deck: str, **keys: str) -> dict:
     text = TWO.format(**{**RIGID, "crank": "", "rocker": "", "rod": ROD, "x": 0.1, "y": 0, "angle": ANGLE, **keys})
     text = re.sub(r"(&sensor.*?)(point|node)_a=", r"\1\2=", text)
     run = run_deck(text, name=deck)
-    assert ("angular_velocity of body \"rod\" would be" in run.stderr) == (deck in ("still", "turned"))
+    assert ('angular_velocity of body "rod" would be' in run.stderr) == (deck in ("still", "turned"))
     return {name: run.history[name][0] for name in run.history.names[1:]}
 
 

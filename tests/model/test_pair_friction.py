@@ -260,8 +260,13 @@ def test_a_spinning_ball_jumps_and_grips_in_a_compliant_bowl(method, run_deck):
 
 def test_a_stop_softer_than_its_curvature_ends_the_run(run_deck):
     deck = ball("'dopri5' tolerance=1e-8", "&stop name='soft' profile='hill' stiffness=10 exponent=1", 1.0, 0.0)
-    run = run_deck(deck.replace("stop='p'", "stop='soft'").replace("&sensor name='rub'", "! "), expect=1)
-    assert 'stop "soft" is softer than its own curvature' in run.stderr
+    deck = deck.replace("stop='p'", "stop='soft'").replace("&sensor name='rub'", "! ")
+    assert 'stop "soft" is softer than its own curvature' in run_deck(deck, expect=1).stderr
+    inside = deck.replace("{0.3*cos(0.0)}", "0.02")
+    assert 'stop "soft": it begins in the profile by more than nine tenths' in run_deck(inside, expect=2).stderr
+    rest = deck.replace("stiffness=10", "stiffness=34").split("&transient")[0] + "&joint name='g' type='prismatic' body_a='b' "
+    run = run_deck(rest + "direction={pi/2} /\n&static /\n", expect=1)
+    assert 'static: stop "soft" is softer than its own curvature' in run.stderr
 
 
 @pytest.mark.parametrize("method", ALL[:2])
@@ -272,16 +277,25 @@ def test_a_beam_follows_an_eccentric_circle_and_leaves_it(method, run_deck):
     for i in (0, 2):
         at = np.ix_(range(i, i + 4), range(i, i + 4))
         a, s = length, length**2
-        stiff[at] += bending / a**3 * np.array(
-            [[12, 6 * a, -12, 6 * a], [6 * a, 4 * s, -6 * a, 2 * s], [-12, -6 * a, 12, -6 * a], [6 * a, 2 * s, -6 * a, 4 * s]]
+        stiff[at] += (
+            bending
+            / a**3
+            * np.array(
+                [[12, 6 * a, -12, 6 * a], [6 * a, 4 * s, -6 * a, 2 * s], [-12, -6 * a, 12, -6 * a], [6 * a, 2 * s, -6 * a, 4 * s]]
+            )
         )
-        mass[at] += mu * a / 420 * np.array(
-            [
-                [156, 22 * a, 54, -13 * a],
-                [22 * a, 4 * s, 13 * a, -3 * s],
-                [54, 13 * a, 156, -22 * a],
-                [-13 * a, -3 * s, -22 * a, 4 * s],
-            ]
+        mass[at] += (
+            mu
+            * a
+            / 420
+            * np.array(
+                [
+                    [156, 22 * a, 54, -13 * a],
+                    [22 * a, 4 * s, 13 * a, -3 * s],
+                    [54, 13 * a, 156, -22 * a],
+                    [-13 * a, -3 * s, -22 * a, 4 * s],
+                ]
+            )
         )
         load[i : i + 4] -= G * mu * a * np.array([1 / 2, a / 12, 1 / 2, -a / 12])
     mass[4, 4] += lump

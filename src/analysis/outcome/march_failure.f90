@@ -13,7 +13,7 @@ module march_failure
   use scene_run, only: run_state
   use slipping, only: painleve_ratio
   use step_control, only: error_norm
-  use switching, only: element_name
+  use switching, only: element_name, too_soft
   use text, only: fixed_text, short_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape, &
                           trouble_rounding, trouble_events, trouble_system
@@ -56,9 +56,7 @@ contains
     select case (trouble)
     case (trouble_system)
       if (run%sys%sunk > 0) then
-        text = 'stop "'//element_name(run%sys%m, run%sys%sunk)//'" is softer than its own curvature: at t = '//number(march%t)// &
-               ' s the follower is in the profile by more than nine tenths of its radius of curvature, where the normal of the '// &
-               'contact loses its direction; expected a larger stiffness'
+        text = 'at t = '//number(march%t)//' s '//too_soft(run%sys%m, run%sys%sunk)
       else
         text = friction_fault(run, ratios, march%t)
       end if

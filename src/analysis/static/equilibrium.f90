@@ -73,7 +73,7 @@ contains
       dx = real(r(1:ds%n), wp)
       lambda = run%sys%ev%lambda
       lambda(ds%active) = lambda(ds%active) + real(r(ds%n + 1:), wp)
-      if (.not. all(abs(dx) < huge(1.0_wp))) return
+      if (.not. all(abs(dx) < sqrt(huge(1.0_wp)))) return
       start = run%y
       before = report%residual + report%gap
       length = min(1.0_wp, largest_turn/max(largest_motion(run%sys%m, dx, 1.0_wp), tiny(1.0_wp)))

@@ -14,6 +14,7 @@ module static_analysis
   use scene_run, only: run_state, no_output, stop_if_signalled
   use sensors, only: read_sensors
   use summary_text, only: summary_record
+  use switching, only: sunken_stop, too_soft
   use text, only: either, in_quotes, joined, to_text
   use text_file, only: result_file
   use validity, only: validity_watch
@@ -52,7 +53,7 @@ contains
     logical :: loose(size(run%sys%m%s%bodies))       ! stops or loads alone hold it
     character(:), allocatable :: motion
     real(wp) :: rate                                 ! of unstable motions [1/s]
-    integer :: k, steps, nq
+    integer :: k, steps, nq, sunk
     nq = run%sys%m%s%nq
     loose = loose_bodies(run)
     run%sys%options%stage = stage_static
@@ -74,6 +75,8 @@ contains
       part%gravity = part%load_factor*part%gravity
       call balance_with_rows(run, part, any(loose), report)
       steps = steps + report%steps
+      sunk = sunken_stop(run%sys%m, run%sys%ev)
+      if (sunk > 0) call fail%raise(status_failed, 'static: '//too_soft(run%sys%m, sunk))
       if (.not. report%converged) then
         call stop_if_signalled('static analysis', fail)
         call refuse_uneven(run, 'static analysis', status_failed, fail)

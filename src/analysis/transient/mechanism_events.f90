@@ -3,7 +3,6 @@ module mechanism_events
   use kinds, only: wp, ip
   use archive, only: value_archive
   use contact_mass, only: mass_at, time_of_contact
-  use contact_pair, only: pair_measure
   use controls, only: pass_control_events, start_controls
   use dynamics, only: evaluate, marker_kinematics, motion_state
   use evaluation_results, only: conditions_of, evaluation
@@ -18,7 +17,7 @@ module mechanism_events
   use slipping, only: painleve_ratio
   use stops, only: stop_model, stop_rebound
   use switch_tally, only: element_tally
-  use switching, only: event_list, is_rigid_stop, pass_events, start_states, switch_event, watch_roots
+  use switching, only: event_list, is_rigid_stop, pass_events, start_states, sunken_stop, switch_event, watch_roots
   implicit none (type, external)
   private
 
@@ -429,10 +428,6 @@ contains
         class is (stop_model)
           call self%tally(i)%note_step(stop, conditions_of(self%m, self%ev, element), self%follows_stiffness, h, &
                                        [g0(k), g1(k)], [rate0(k), rate1(k)])
-          select type (gap => stop%measure)
-          class is (pair_measure)
-            if (gap%sunk(self%ev%p)) self%sunk = i
-          end select
         end select
       end associate
     end do
@@ -445,6 +440,7 @@ contains
         end associate
       end associate
     end do
+    self%sunk = sunken_stop(self%m, self%ev)
     self%fault = self%fault .or. self%sunk > 0
     call limit_steps(self)
     if (.not. allocated(self%painleve)) return

@@ -302,6 +302,8 @@ contains
     if (.not. self%rigid .and. c%depth > root_rounding*self%size) warning = 'begins beyond its limit: it '// &
       self%measured_text(p)//', and it pushes with '//to_text(self%hardness*c%depth**self%exponent)// &
       either(' N m', ' N', self%angular)
+    if (self%measure%sunk(p)) fault = 'it begins in the profile by more than nine tenths of its radius of curvature, where the '// &
+      'normal of the contact has no direction; expected bodies beside the profile'
   end subroutine check_start
 
   !> Its quantity beside its limits, as part of a sentence.

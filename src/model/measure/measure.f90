@@ -38,6 +38,7 @@ module measure
   contains
     procedure(measure_motion), deferred :: measure
     procedure :: curvature => no_curvature
+    procedure :: sunk => never_sunk
     procedure :: init_from_assembly
     procedure :: in_all_directions
     procedure :: rates
@@ -153,4 +154,11 @@ contains
     real(wp), intent(out) :: h(6, 6)       !! second derivative of x [1/m], [-], [m]
     h = 0.0_wp
   end subroutine no_curvature
+
+  !> Whether markers are so near a centre of curvature of what they touch that the gradient has no direction.
+  pure logical function never_sunk(self, p) result(sunk)
+    class(measure_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    sunk = .false.
+  end function never_sunk
 end module measure

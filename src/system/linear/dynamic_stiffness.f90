@@ -214,6 +214,8 @@ contains
     b = x
     last = huge(1.0_wp)
     call self%solver%solve(x, by_transpose)
+    if (present(exists)) exists = .false.
+    if (.not. all(abs(x%re) + abs(x%im) < sqrt(huge(1.0_wp)))) return   ! a singular matrix: nothing to refine
     do pass = 1, 12
       r = b - self%balance(x, by_transpose)
       call self%solver%solve(r, by_transpose)
