@@ -19,6 +19,7 @@ contains
     real(wp) :: largest                        ! entry below the diagonal [any]
     integer :: i, j, c, p, d, below, last
     d = 2*kd + 1
+    bad = .false.
     upper = 0
     last = 1                                   ! last column in which the rows so far have entries
     do j = 1, n

@@ -30,8 +30,11 @@ contains
     call read_lists(deck, r%at%file, 'x', 'y', r%file, r%columns, r%x, r%y, r%file_digest)
     if (.not. deck%is_clean() .or. size(r%x) /= size(r%y)) return   ! which is told where the group ends
     least = merge(3, 2, r%closed)
-    if (size(r%x) < least) call deck%complain(either('file', 'x', deck%is_given('file')), 'the profile has '// &
-      to_text(size(r%x))//' points, expected at least '//to_text(least))
+    if (size(r%x) < least) then
+      call deck%complain(either('file', 'x', deck%is_given('file')), 'the profile has '//to_text(size(r%x))// &
+                         ' points, expected at least '//to_text(least))
+      return
+    end if
     chord = hypot(r%x(2:) - r%x(:size(r%x) - 1), r%y(2:) - r%y(:size(r%y) - 1))
     k = findloc(chord <= 4*epsilon(1.0_wp)*sum(chord), .true., 1)
     if (k > 0) call deck%complain(either('file', 'x', deck%is_given('file')), 'points '//to_text(k)//' and '//to_text(k + 1)// &
