@@ -159,6 +159,9 @@ contains
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
     real(wp), intent(in) :: pressed       !! force of its stop [N]
     share = merge(1.0_wp, 0.0_wp, abs(lambda(self%row)) > 0.0_wp)
-    if (abs(state) /= row_slips) share = abs(lambda(self%row))/max(self%sticking_limit(lambda, pressed), tiny(1.0_wp))
+    if (abs(state) == row_slips) return
+    associate (force => abs(lambda(self%row)))
+      share = force/max(self%sticking_limit(lambda, pressed), epsilon(1.0_wp)*force, tiny(1.0_wp))   ! a stop may have just parted
+    end associate
   end function share
 end module friction_law
