@@ -250,7 +250,7 @@ contains
     call check_lapack('periodic analysis', fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
       run%sys%options%stage = stage_transient
-      if (run%d%transient%accuracy > 0.0_wp) then
+      if (run%d%transient%accuracy > 0.0_wp .or. run%d%transient%check_error) then
         call run_to_accuracy(run, march, text, fail)
       else
         call run_transient(run, march, fail)

@@ -191,10 +191,11 @@ contains
     self%open_brackets = part%open_brackets
   end subroutine append
 
-  !> Saves or restores a part whose brackets are closed.
+  !> Saves or restores a part.
   subroutine exchange(self, a)
     class(summary_record), intent(inout) :: self
     type(value_archive), intent(inout) :: a
+    call a%exchange(self%open_brackets)
     call exchange_buffer(self%words)
     call exchange_buffer(self%members)
     call exchange_buffer(self%warnings)

@@ -1,11 +1,12 @@
 !> The ladder of passes that keeps the accuracy of a deck (theory.md, section 12): one method, each pass with a tenth of the
 !> tolerance or half the step of the one before, until two agree. Counts decide, never clocks, so that a deck always makes the
-!> same passes.
+!> same passes. With check_error there are two: the deck's, which is the result, and a finer one, which tells its errors. Twice the
+!> step would cost less and tell less: it is unstable above half of the stable bound.
 module accuracy_ladder
   use kinds, only: wp, ip
   use archive, only: value_archive
   use deck_records, only: deck, transient_record
-  use error_check, only: tighter
+  use choose_stepper, only: method_order
   use step_counts, only: actual_step
   use summary_text, only: summary_record
   use text, only: either, es_text, to_text
@@ -17,6 +18,7 @@ module accuracy_ladder
   integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
 
   real(wp), parameter :: most_slow = 3.0_wp    !! comparisons in a row whose difference is not halved: it does not converge [-]
+  real(wp), parameter :: tighter = 0.1_wp      !! tolerance of a pass, of that before it [-]
   real(wp), parameter :: coarsest = 1.0e-2_wp, least = 1.0e-13_wp   !! tolerances [-]
   real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5 with its projection [-]
 
@@ -31,6 +33,8 @@ module accuracy_ladder
     real(wp) :: mean_step = 0.0_wp            !! [s]
     real(wp) :: apart = -1.0_wp               !! largest difference from the other pass over what is asked, < 0: not known [-]
     real(wp) :: differ_at = -1.0_wp           !! when the event sequences of both differ, < 0: they do not [s]
+    real(wp) :: residual = 0.0_wp             !! largest, of its energy balance [J]
+    real(wp) :: share = 0.0_wp                !! the same, of the energy that moved [-]
     integer :: other = 0                      !! pass with which it was compared, 0: none
     integer :: column = 0                     !! with the largest difference
   end type pass_record
@@ -38,6 +42,7 @@ module accuracy_ladder
   !> A ladder.
   type, public :: pass_ladder
     logical :: active = .false.
+    logical :: estimates = .false.            !! a finer pass tells the errors of the first one
     logical :: over = .false.
     logical :: kept = .false.                 !! the accuracy is
     integer :: count = 0                      !! passes, with the one under way
@@ -54,9 +59,11 @@ module accuracy_ladder
     type(transient_record), private :: asked  !! the deck's
     real(wp), private :: accuracy = 0.0_wp    !! the smallest one asked [-]
     real(wp), private :: first_step = 0.0_wp  !! of a method of fixed steps [s]
+    real(wp), private :: stable = 0.0_wp      !! step of dopri5; huge: nothing limits it [s]
   contains
     procedure :: begin
     procedure :: set
+    procedure :: error_ratio
     procedure :: end_pass
     procedure :: words
     procedure :: exchange
@@ -75,6 +82,8 @@ contains
     logical :: yielding
     self%active = .true.
     self%asked = d%transient
+    self%stable = bounds(2)
+    self%estimates = d%transient%check_error
     self%accuracy = smallest_accuracy(d)
     allocate (self%passes(0))
     allocate (self%apart(columns + 1), source=huge(1.0_wp))
@@ -82,6 +91,8 @@ contains
     allocate (self%absolute(columns), source=0.0_wp)
     associate (r => d%transient)
       self%first_step = r%output_step
+      if (self%estimates) call add(self, pass_record(method=r%method))
+      if (self%estimates) return
       if (r%method == 'rk4') self%first_step = actual_step(r%output_step, min(bounds(1), r%output_step))
       yielding = .not. all(d%stops%rigid)
       if (.not. r%free_method) then
@@ -121,8 +132,8 @@ contains
   function words(self)
     class(pass_ladder), intent(in) :: self
     character(:), allocatable :: words
-    words = ''
-    if (self%active) words = 'pass '//to_text(self%count)//' ('//trim(self%passes(self%count)%method)// &
+    words = either('second run: ', '', self%estimates .and. self%count == 2)
+    if (self%active .and. .not. self%estimates) words = 'pass '//to_text(self%count)//' ('//trim(self%passes(self%count)%method)// &
                              setting_words(self%passes(self%count))//trim(self%because)//'): '
   end function words
 
@@ -162,6 +173,10 @@ contains
   pure subroutine set(self, r)
     class(pass_ladder), intent(in) :: self
     type(transient_record), intent(inout) :: r
+    if (self%estimates) then
+      if (self%count == 2) call refine_asked(self, r)
+      return
+    end if
     associate (pass => self%passes(self%count))
       r%method = pass%method(:len(r%method))
       r%adaptive = .not. has_fixed_steps(pass%method)
@@ -175,6 +190,32 @@ contains
     end associate
   end subroutine set
 
+  !> The second one of two runs: half the step, or a tenth of the tolerance. Steps that stability limits are as long whatever the
+  !> tolerance.
+  pure subroutine refine_asked(self, r)
+    class(pass_ladder), intent(in) :: self
+    type(transient_record), intent(inout) :: r
+    real(wp) :: longest                       ! [s]
+    if (.not. r%adaptive) then
+      r%step = actual_step(r%output_step, r%step)/2
+      return
+    end if
+    longest = merge(self%stable, huge(1.0_wp), r%method == 'dopri5')
+    if (r%max_step > 0.0_wp) longest = min(longest, r%max_step)
+    if (longest < huge(1.0_wp)) r%max_step = longest/2
+    r%tolerance = tighter*r%tolerance
+    r%first_step = r%first_step/2
+  end subroutine refine_asked
+
+  !> Error of the first one of two runs over the difference (Richardson). With the tolerance errors fall to a fifth or less of what
+  !> they were, as with half the step of a method of order 2.
+  pure real(wp) function error_ratio(self) result(ratio)   ! [-]
+    class(pass_ladder), intent(in) :: self
+    integer :: order
+    order = merge(2, method_order(self%asked%method), self%asked%adaptive)
+    ratio = merge(1/(1 - 0.5_wp**order), 1.0_wp, self%estimates)
+  end function error_ratio
+
   !> Takes the end of the pass under way and decides what follows: another pass, or nothing.
   subroutine end_pass(self, pass, apart, late)
     class(pass_ladder), intent(inout) :: self
@@ -186,6 +227,12 @@ contains
     agree = .false.
     stuck = .false.
     self%passes(self%count) = pass
+    if (self%estimates) then
+      self%over = self%count == 2 .or. pass%outcome /= finished
+      if (pass%outcome == finished) self%delivered = 1
+      if (.not. self%over) call add(self, pass_record(method=pass%method))
+      return
+    end if
     self%stored = 0                           ! rows were put over those of the pass before
     if (pass%outcome == finished) then
       self%stored = self%count

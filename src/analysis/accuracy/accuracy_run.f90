@@ -1,10 +1,11 @@
-!> A transient by passes until two agree as well as the deck asks (theory.md, section 12): each pass is a run like any other,
-!> compared row by row with the one before. Files of a finished pass get their names when the next one has begun, or at the end.
-!> Its part of the summary is kept as text, since what that describes is gone when the next pass has begun.
+!> A transient by passes until two agree as well as the deck asks (theory.md, section 12), or by two, of which the second one tells
+!> the errors of the first: each is a run like any other, compared row by row with the one before. Files of a finished pass get
+!> their names when the next one has begun, or at the end. Its part of the summary is kept as text, since what that describes is
+!> gone when the next pass has begun.
 module accuracy_run
   use kinds, only: wp, ip
   use accuracy_ladder, only: finished, given_up, has_fixed_steps, lost_pass, pass_record, setting_words, under_way
-  use accuracy_words, only: asked_errors
+  use accuracy_words, only: asked_errors, error_lines
   use errors, only: failure, status_failed
   use mechanism_ode, only: mechanism_system
   use posix, only: standard_error, write_bytes
@@ -40,7 +41,7 @@ contains
     start_state = run%y
     columns = size(compared_columns(run))
     call march%ladder%begin(run%d, run%stable_steps, columns)
-    allocate (march%rows%values(columns, 0:step_count(0.0_wp, run%d%transient%t_end, run%d%transient%output_step)), source=0.0_wp)
+    call march%rows%begin(columns, step_count(0.0_wp, run%d%transient%t_end, run%d%transient%output_step))
     if (run%restart) call march%ladder%exchange(run%saved)
     if (run%restart) call march%rows%exchange(run%saved)
     do
@@ -54,15 +55,13 @@ contains
       if (march%ladder%over) exit
       fail = failure()
       so_far = run%opening
-      call ladder_lines(run, march, so_far)
+      if (.not. march%ladder%estimates) call ladder_lines(run, march, so_far)
       call announce(run, fail, so_far)
       if (fail%happened()) return
       next%ladder = march%ladder
       next%restarts = march%restarts
       call next%files%follow(march%files, march%ladder%delivered == march%ladder%count - 1)
-      call move_alloc(march%rows%values, next%rows%values)
-      next%rows%events = march%rows%events
-      next%rows%filled = march%rows%filled
+      next%rows = march%rows
       march = next
       deallocate (run%sys)
       allocate (run%sys, source=start_system)
@@ -76,12 +75,15 @@ contains
         if (.not. ok) call no_output(run, fail)
       end if
       if (ladder%delivered > 0) then
+        if (ladder%estimates) call error_lines(run, march, fail, ladder%found)
+        if (ladder%estimates) call ladder%found%close()
         if (ladder%over .and. fail%status == status_failed) fail = failure()
         call text%append(ladder%found)
         ok = write_bytes(standard_error, ladder%found%pending%all())
       else
         call transient_lines(run, march, fail%status, text)
       end if
+      if (ladder%estimates) return
       call ladder_lines(run, march, text)
       if (ladder%over .and. ladder%delivered > 0 .and. .not. ladder%kept) call warn_not_kept(run, march, text)
     end associate
@@ -95,7 +97,7 @@ contains
     type(pass_record) :: pass
     type(result_column), allocatable :: columns(:)
     real(wp), allocatable :: apart(:)         ! (columns, then events) differences over what is asked [-]
-    associate (ladder => march%ladder, c => march%check)
+    associate (ladder => march%ladder, c => march%rows)
       pass = ladder%passes(ladder%count)
       pass%outcome = finished
       if (march%stopped) pass%outcome = given_up
@@ -104,7 +106,9 @@ contains
       pass%reached = march%last
       pass%mean_step = march%last/max(march%method%steps, 1_ip)
       apart = [real(wp) ::]
-      if (c%active .and. pass%outcome == finished) then
+      pass%residual = march%balance%largest_residual
+      pass%share = march%balance%share()
+      if (c%filled .and. pass%outcome == finished .and. .not. ladder%estimates) then
         pass%other = ladder%stored
         apart = [c%error/asked_errors(run, march%compared_range(), ladder%absolute), 0.0_wp]
         pass%column = maxloc(apart, 1)
@@ -112,12 +116,12 @@ contains
         pass%differ_at = c%differ_at
         if (c%differ_at >= 0.0_wp) apart(size(apart)) = max(pass%apart, 2.0_wp)   ! they may agree as long as columns converge
       end if
-      if (pass%outcome == finished) then
+      if (pass%outcome == finished .and. (ladder%count == 1 .or. .not. ladder%estimates)) then
         ladder%found = summary_record(silent=.true.)
         ladder%found%path = run%d%path
         call transient_lines(run, march, fail%status, ladder%found)
         call march%rows%turn()
-      else
+      else if (.not. ladder%estimates) then
         call march%rows%forget()
       end if
       call ladder%end_pass(pass, apart, run%late() .and. (pass%outcome == finished .or. ladder%delivered > 0))

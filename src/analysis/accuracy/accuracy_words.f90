@@ -5,17 +5,16 @@ module accuracy_words
   use accuracy_ladder, only: setting_words
   use balance_words, only: balance_lines, closing_lines, distrusted
   use column_ranges, only: column_range
-  use energy_balance, only: balance_watch
-  use error_check, only: error_watch
+  use errors, only: failure
   use scene_run, only: run_state
   use result_columns, only: result_column
-  use stored_pass, only: compared_columns
+  use stored_pass, only: compared_columns, pass_rows
   use summary_text, only: json_number, summary_record
   use text, only: either, short_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
   private
-  public :: accuracy_lines, asked_errors, column_lines
+  public :: accuracy_lines, asked_errors, column_lines, error_lines
 
   real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
   real(wp), parameter :: least_range = 1.0e-3_wp       !! that counts, of the largest one of its kind [-]
@@ -36,8 +35,9 @@ contains
       return
     end if
     call balance_lines(run, march, text)
-    if (march%check%active) then
-      call error_lines(run, march, text)
+    if (march%ladder%estimates) return
+    if (march%rows%filled) then
+      call error_lines(run, march, failure(), text)
     else if (march%ladder%active) then
       call text%line('  accuracy: unknown, there is no other pass to compare this one with')
     else
@@ -46,45 +46,46 @@ contains
     end if
   end subroutine accuracy_lines
 
-  !> The estimated errors of all columns, with a warning where some are large or the estimate is doubtful.
-  subroutine error_lines(run, march, text)
+  !> The estimated errors of all columns; those of a second run with a warning where some are large or the estimate is doubtful.
+  subroutine error_lines(run, march, fail, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
+    type(failure), intent(in) :: fail          !! how this pass ended
     type(summary_record), intent(inout) :: text
     real(wp), allocatable :: e(:), range(:), x(:), asked(:)   ! [of the column], x of the range [-]
     type(column_range) :: seen
     type(result_column), allocatable :: columns(:)
-    logical, allocatable :: too_large(:)
     character(:), allocatable :: doubt
     integer :: k
     columns = compared_columns(run)
-    associate (c => march%check)
-      columns = columns(:size(c%error))            ! without sensors a second run compares nothing
+    associate (c => march%rows, ladder => march%ladder, ratio => march%ladder%error_ratio())
+      if (.not. ladder%over .and. ladder%estimates) then
+        call text%line('  accuracy: unknown, the second run did not come to its end')
+        return
+      end if
       seen = march%compared_range()
       range = seen%moved(run%sys%m%s, columns, run%d%transient%t_end)
-      e = c%error_ratio*c%error
-      asked = spread(huge(1.0_wp), 1, size(e))
-      if (c%stored) asked = asked_errors(run, seen)
-      if (c%differ_at >= 0.0_wp) e = c%error_ratio*c%agreed
-      if (c%stored) then
-        associate (other => march%ladder%passes(march%ladder%stored))
-          call text%line('  estimated errors, the difference from pass {compared_with #} ('//trim(other%method)// &
-                         setting_words(other)//'):', [real(wp) :: march%ladder%stored])
-        end associate
-      else
+      e = ratio*merge(c%agreed, c%error, c%differ_at >= 0.0_wp)
+      if (ladder%estimates) then
         call text%line('  estimated errors, from a second run with '//either('a tenth of the tolerance', 'half the step', &
-          run%d%transient%adaptive)//' ({second_evaluations #} evaluations):', [real(wp) :: c%sys%ev%evaluations])
+          run%d%transient%adaptive)//' ({second_evaluations #} evaluations):', [march%cost(run)])
+        call column_lines('estimated_errors', columns, e, range, text)
+      else
+        associate (other => ladder%passes(ladder%stored))
+          call text%line('  estimated errors, the difference from pass {compared_with #} ('//trim(other%method)// &
+                         setting_words(other)//'):', [real(wp) :: ladder%stored])
+        end associate
+        asked = asked_errors(run, seen)
+        x = e
+        if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
+        if (allocated(run%model_error)) where (asked < huge(1.0_wp)) x = e + run%model_error
+        call column_lines('estimated_errors', columns, x, range, text, e > asked)
       end if
-      if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
-      too_large = e > asked
-      if (allocated(run%model_error)) where (asked < huge(1.0_wp)) e = e + run%model_error
-      call column_lines('estimated_errors', columns, e, range, text, too_large)
-      call event_words(run, c, text)
-      if (c%stored) return
-      call text%line('  energy residual of the second run: largest {second_energy_residual 3} J', [c%balance%largest_residual])
-      doubt = doubts(march%balance, c)
+      call event_words(run, c, ratio, text)
+      if (.not. ladder%estimates) return
+      call text%line('  energy residual of the second run: largest {second_energy_residual 3} J', [march%balance%largest_residual])
+      doubt = doubts(march, fail)
       call text%warn(doubt)
-      if (size(e) == 0) return
       x = 0*e
       where (range > 0.0_wp) x = e/range
       k = maxloc(x, 1)
@@ -153,13 +154,14 @@ contains
   end function asked_errors
 
   !> How well the times of events are known, and up to when the sequences of both runs agree.
-  subroutine event_words(run, c, text)
+  subroutine event_words(run, c, ratio, text)
     type(run_state), intent(in) :: run
-    type(error_watch), intent(in) :: c
+    type(pass_rows), intent(in) :: c
+    real(wp), intent(in) :: ratio              !! error over the difference [-]
     type(summary_record), intent(inout) :: text
     if (run%sys%roots == 0) return
     call text%line('  events of both runs: {events_compared #}, their times err by an estimated {event_time_error 2} s at most', &
-                   [real(wp) :: c%matched, c%error_ratio*c%event_error])
+                   [real(wp) :: c%matched, ratio*c%event_error])
     if (c%differ_at < 0.0_wp) return
     call text%line('  events differ from t = {events_differ_from 6} s', [c%differ_at])
     call text%warn('from t = '//short_text(c%differ_at, 6)//' s on the event sequences of both runs differ: rows beyond are '// &
@@ -168,17 +170,18 @@ contains
 
   !> Why the estimate may be too small; empty: no reason. A vibration that both runs damp away is missing in both: the second
   !> one's energy balance then closes no better.
-  function doubts(first, c) result(text)
-    type(balance_watch), intent(in) :: first
-    type(error_watch), intent(in) :: c
+  function doubts(march, fail) result(text)
+    type(transient_march), intent(in) :: march
+    type(failure), intent(in) :: fail          !! of the second run
     character(:), allocatable :: text
     text = ''
-    if (c%diverged_at >= 0.0_wp) then
-      text = 'the second run failed at t = '//short_text(c%diverged_at, 3)//' s: errors are unknown from there on'
-    else if (first%share() > rounding .and. c%balance%largest_residual > converging*first%largest_residual) then
-      text = 'the energy balance of the second run closes hardly better: vibrations that both runs damp away between rows '// &
-             'are missing in these estimates; a smaller output_step or step shows them'
-    end if
+    associate (first => march%ladder%passes(1))
+      if (fail%happened()) then
+        text = 'the second run failed after t = '//short_text(march%last, 3)//' s: errors are unknown from there on'
+      else if (first%share > rounding .and. march%balance%largest_residual > converging*first%residual) then
+        text = 'the energy balance of the second run closes hardly better: vibrations that both runs damp away between rows '// &
+               'are missing in these estimates; a smaller output_step or step shows them'
+      end if
+    end associate
   end function doubts
-
 end module accuracy_words

@@ -111,7 +111,7 @@ contains
     if (present(reference)) then
       march%rows = reference%rows
     else
-      allocate (march%rows%values(size(found%columns), 0:step_count(0.0_wp, d%transient%t_end, d%transient%output_step)))
+      call march%rows%begin(size(found%columns), step_count(0.0_wp, d%transient%t_end, d%transient%output_step))
     end if
     call run_transient(run, march, fail)
     self%cost = self%cost + march%cost(run)
@@ -120,10 +120,10 @@ contains
     if (march%stopped) call fail%raise(status_failed, either( &
       'pilots have cost 1e9 explicit evaluations times unknowns', 'most_seconds ended the pilots', march%cost(run) > march%budget))
     if (fail%happened()) return
+    if (present(reference)) found%error = self%factor*march%rows%error
     call march%rows%turn()
     found%rows = march%rows
     if (.not. present(reference)) return
-    found%error = self%factor*march%check%error
     seen = march%compared_range()
     found%range = seen%moved(run%sys%m%s, found%columns, d%transient%t_end)
     found%asked = asked_errors(run, seen)

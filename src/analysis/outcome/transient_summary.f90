@@ -2,7 +2,7 @@
 module transient_summary
   use kinds, only: wp
   use accuracy_words, only: accuracy_lines
-  use errors, only: status_failed
+  use errors, only: status_failed, status_ok
   use material_band, only: motion_outside_band
   use scene_run, only: run_state
   use step_counts, only: actual_step
@@ -17,7 +17,7 @@ module transient_summary
 
 contains
 
-  !> The transient's part of the summary; warnings go to standard error too.
+  !> The transient's part of the summary, open to errors that a second run will tell; warnings go to standard error too.
   subroutine transient_lines(run, march, status, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
@@ -51,7 +51,7 @@ contains
     call loss_lines(run, run%y, .false., text)
     call accuracy_lines(run, march, status == status_failed, text)
     call validity_lines(run, status, text)
-    call text%close()
+    if (status /= status_ok .or. .not. march%ladder%estimates) call text%close()
   end subroutine transient_lines
 
   !> Names the columns that stand still but for rounding, with their values.

@@ -8,7 +8,6 @@ module transient
   use column_ranges, only: column_range
   use choose_stepper, only: make_stepper
   use energy_balance, only: balance_watch
-  use error_check, only: error_watch
   use error_groups, only: group_unknowns, out_of_shape
   use errors, only: failure, status_ok, status_failed, status_bad_input, status_signal
   use force_scale, only: largest_force
@@ -40,7 +39,6 @@ module transient
     class(stepper), allocatable :: method
     type(result_set) :: files
     type(balance_watch) :: balance
-    type(error_watch) :: check                 !! estimate of the columns' errors, where the deck asks for it
     type(column_range) :: seen                 !! values of all columns
     type(pair_watch) :: pairs                  !! contact forces of joints on profiles
     type(error_norm) :: norm                   !! largest values so far, to name what grows
@@ -49,7 +47,7 @@ module transient
     real(wp) :: last = 0.0_wp                  !! time of the last row [s]
     real(wp) :: saved = 0.0_wp                 !! time of the last checkpoint [s]
     integer :: restarts = 0
-    type(pass_ladder) :: ladder                !! where the deck asks for an accuracy
+    type(pass_ladder) :: ladder                !! where the deck asks for an accuracy, or for errors
     type(pass_rows) :: rows                    !! of a run that is compared with another one
     logical :: pilot = .false.                 !! a question about the model: no files, no checkpoint
     real(wp) :: budget = huge(1.0_wp)          !! cost at which the run is given up, in explicit evaluations [-]
@@ -116,10 +114,7 @@ contains
       run%sys%output_step = r%output_step
       call run%sys%start_switching(0.0_wp, run%y, given=run%d%periodic%present)
       call march%method%begin(run%sys, 0.0_wp, run%y)
-      if (march%ladder%active) march%files%suffix = pass_suffix(march%ladder%count)
-      if (march%rows%filled) call march%check%begin_stored(size(march%rows%values, 1))
-      if (r%check_error) call march%check%begin(run%sys, r, run%monitor%fastest, run%stable_step, run%y, &
-                                                  run%list%columns)
+      if (march%ladder%count > merge(1, 0, march%ladder%estimates)) march%files%suffix = pass_suffix(march%ladder%count)
     end associate
   end subroutine prepare
 
@@ -186,11 +181,6 @@ contains
       from = real(march%done, wp)*r%output_step
       to = min(real(march%done + 1, wp)*r%output_step, r%t_end)
       if (march%done + 1 == march%outputs) to = r%t_end
-      do while (march%check%behind(march%done + 1))   ! the second run goes first: a pause leaves the first one whole
-        call march%check%advance(run%list, from, to, steps_per_call)
-        if (march%check%behind(march%done + 1)) call interrupt(run, march, fail)
-        if (fail%happened()) return
-      end do
       outcome = paused
       do while (outcome == paused)
         call one_portion(run, march, from, to, outcome)
@@ -253,11 +243,11 @@ contains
       call march%seen%note(files%values)
       call march%pairs%note(run%sys%m, run%sys%ev, t)
       if (allocated(march%rows%values)) then
-        call compare_pass(run, march, t, k)
-      else
-        if (k == 0 .and. march%check%active) call march%check%start(files%values, march%balance)
-        call march%check%match_events(run%sys%events, march%last)
-        call march%check%compare(files%values)
+        if (size(files%values) > 0) then
+          call march%rows%compare(k, t, march%last, files%values, run%sys%events)
+        else
+          call march%rows%compare(k, t, march%last, motion_row(run%sys%m, y(1:nq)), run%sys%events)
+        end if
       end if
       call run%watch%note(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
       call files%write_row(t, march%balance%row(:march%balance%columns))
@@ -270,23 +260,6 @@ contains
       if (files%failed()) call no_output(run, fail)
     end associate
   end subroutine write_state
-
-  !> Compares a row of a pass with that of the pass before, and keeps it for the next one.
-  subroutine compare_pass(run, march, t, k)
-    type(run_state), intent(inout) :: run
-    type(transient_march), intent(inout) :: march
-    real(wp), intent(in) :: t                  !! [s]
-    integer(ip), intent(in) :: k               !! number of the row
-    real(wp), allocatable :: x(:)              ! the row [of the column]
-    x = march%files%values
-    if (size(x) == 0) x = motion_row(run%sys%m, run%y(1:run%sys%m%s%nq))
-    associate (c => march%check)
-      if (c%active) call march%rows%recall(k, t, c%values, c%others)
-      call c%match_events(run%sys%events, march%last)
-      call c%compare(x)
-      call march%rows%keep(k, x, run%sys%events)
-    end associate
-  end subroutine compare_pass
 
   !> What the run has cost so far, in explicit evaluations.
   pure real(wp) function cost(self, run)
@@ -380,7 +353,6 @@ contains
     call self%balance%exchange(a)
     call self%seen%exchange(a)
     call self%pairs%exchange(a)
-    call self%check%exchange(a)
     call a%exchange(run%watch%figures)
     associate (x => run%monitor)
       call a%exchange(x%estimates, x%next, x%latest, x%smallest, x%at, x%cause)
