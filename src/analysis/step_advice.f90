@@ -3,6 +3,7 @@
 module step_advice
   use kinds, only: wp
   use bound_causes, only: bound_cause
+  use controller, only: free
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -106,6 +107,7 @@ contains
     type(fast_spectrum) :: fast
     work = ev
     call evaluate_start(m, work, q)
+    work%control%limited = free                ! a controller that is at a limit at the start may leave it
     call fast%set_up(m, ev, q)
     call find_safe_bound(m, work, fast, safe)
     if (.not. (present(current) .or. fast%damped .or. fast%loops .or. size(fast%lin%segments) > 0)) return

@@ -239,14 +239,22 @@ def test_characteristic_in_equilibrium_and_modes(run_deck):
     np.testing.assert_allclose(force / stretch, slope + 0.4j * 2 * np.pi * seen["f"], rtol=1e-6)
 
 
-def test_a_fast_loop_is_in_the_current_bound(run_deck):
-    """A strong brake by the speed of a shaft is a damper: rk4 is stable up to 2.785 of its time constant."""
+@pytest.mark.parametrize("law", ["history", "kp=50", "kd=0.05 filter=1e-3"])
+def test_a_fast_loop_is_in_the_current_bound(run_deck, law):
+    """A strong brake by the speed of a shaft is a damper: rk4 is stable up to 2.785 of its time constant.
+
+    So is a controller that starts at its limit: it may leave it.
+    """
     deck = """&body name='rotor' kind='rigid' mass=1 inertia=0.01 /
 &joint name='pin' type='revolute' body_a='rotor' /
 &sensor name='w' quantity='angular_velocity' body='rotor' /
-&history name='brake' coefficients=0,-50 /
-&force name='f' type='torque' body='rotor' moment=1 history='brake' argument='w' /
 """
+    if law == "history":
+        deck += "&history name='brake' coefficients=0,-50 /\n"
+        deck += "&force name='f' type='torque' body='rotor' moment=1 history='brake' argument='w' /\n"
+    else:
+        deck += f"&history name='one' coefficients=1 /\n&controller name='c' argument='w' history='one' {law} lower=-1 upper=2 /\n"
+        deck += "&force name='f' type='torque' body='rotor' moment=1 controller='c' /\n"
     text = run_deck(deck, "--check").stdout
     bounds = [float(x) for x in re.findall(r"rk4: safe bound\s+(\S+) s .*current bound\s+(\S+) s", text)[0]]
     np.testing.assert_allclose(bounds, 2.785293563405282 / 5000, rtol=1e-3)

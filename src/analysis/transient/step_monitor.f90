@@ -4,6 +4,7 @@
 module step_monitor
   use kinds, only: wp, ip
   use bound_causes, only: bound_cause, mode_cause
+  use controller, only: free
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -80,6 +81,7 @@ contains
     if (self%method == 0) return
     work = ev
     call evaluate_start(m, work, q)
+    work%control%limited = free                ! as in the advice before the run
     call self%fast%set_up(m, ev, q)
     call self%fast%largest(m, work, .false., only_stiffness, 100, lambda)
     self%fastest = sqrt(max(lambda, 0.0_wp))
