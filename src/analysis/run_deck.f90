@@ -3,6 +3,7 @@ module run_deck
   use kinds, only: wp, ip
   use checkpoint, only: read_checkpoint, remove_checkpoint
   use core_advice, only: core_lines
+  use deck_json, only: groups_json
   use deck_reader, only: read_deck
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use left_out_flexibility, only: flexibility_lines
@@ -69,7 +70,7 @@ contains
     status = status_bad_input
     call read_deck(path, run%d, faults, options%settings, options%flat)
     if (options%flat .and. faults%count == 0) then
-      if (options%json) call print_words(path, run%d%groups//new_line('a'), status)
+      if (options%json) call print_words(path, groups_json(run%d%flat)//new_line('a'), status)
       if (.not. options%json) call print_words(path, run%d%flat, status)
       return
     end if

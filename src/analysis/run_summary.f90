@@ -3,6 +3,7 @@
 module run_summary
   use kinds, only: wp
   use checkpoint, only: remove_checkpoint
+  use deck_json, only: groups_json
   use errors, only: failure
   use posix, only: host_name, remove_file, remove_scratch, replace_file
   use results, only: remove_results, unfinished
@@ -110,7 +111,7 @@ contains
     call text%line('deck text')
     call text%word('', 'deck_text', run%d%text)
     call text%line('')
-    call text%member('groups', run%d%groups)
+    call text%member('groups', groups_json(run%d%flat))
     call write_whole(run%folder//'/summary.json', text%json(), ok)
     if (ok) call write_whole(run%folder//'/summary.txt', readable(text%words%all()), ok)
   end subroutine write_summary

@@ -1,6 +1,9 @@
 !> What sensors of the deck show, in terms of the model: quantities of motion, of each its kind, and sources of power.
 module build_quantities
   use kinds, only: wp
+  use deck_marker, only: body_text
+  use errors, only: fault_list
+  use text, only: to_text
   use build_markers, only: elastic_marker, find_marker, marker_table
   use deck_records, only: deck, marker_record, sensor_record
   use measure, only: measure_model
@@ -8,9 +11,28 @@ module build_quantities
   use scene_model, only: power_source, scene
   implicit none (type, external)
   private
-  public :: friction_of, list_integrated, make_quantity, source_of
+  public :: check_coordinates, friction_of, list_integrated, make_quantity, source_of
 
 contains
+
+  !> Elastic coordinates and cores that sensors name exist.
+  subroutine check_coordinates(d, s, faults)
+    type(deck), intent(in) :: d
+    type(scene), intent(in) :: s              !! its bodies are set up
+    type(fault_list), intent(inout) :: faults
+    character(:), allocatable :: name
+    integer :: k
+    do k = 1, size(d%sensors)
+      if (all(d%sensors(k)%quantity /= ['coordinate', 'slip      '])) cycle
+      name = body_text(d, d%sensors(k)%marker%body)
+      associate (r => d%sensors(k), b => s%bodies(d%sensors(k)%marker%body))
+        if (r%index > b%nf) call r%at%blame(faults, 'index='//to_text(r%index)//' is out of range for '//name// &
+          ', expected 1 to '//to_text(b%nf))
+        if (r%quantity == 'slip' .and. size(b%dof, 1) == 3) call r%at%blame(faults, name//' has no cores, expected a body of '// &
+          'layers with cores')
+      end associate
+    end do
+  end subroutine check_coordinates
 
   !> The quantity that a column of a sensor shows, between markers that are added where they are new.
   subroutine make_quantity(d, s, r, column, markers, item)

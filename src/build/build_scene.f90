@@ -8,7 +8,7 @@ module build_scene
   use build_controllers, only: make_controllers, place_controllers
   use build_loads, only: make_forces, place_stop_rows
   use build_factors, only: check_users, place_watches
-  use build_quantities, only: list_integrated
+  use build_quantities, only: check_coordinates, list_integrated
   use build_markers, only: marker_table, begin_markers, find_marker, scene_size, list_loaded
   use sorting, only: sort_by_number
   use deck_records, only: column_record, deck
@@ -59,6 +59,7 @@ contains
     do k = 1, size(d%bodies)
       call build_body(d, k, lumps(first(k):first(k + 1) - 1), acting, s%bodies(k), faults)
     end do
+    if (faults%count == 0) call check_coordinates(d, s, faults)
     if (faults%count > 0) return
     s%size = scene_size(s, acting)
     markers = begin_markers(size(s%bodies))

@@ -16,8 +16,7 @@ module deck_reader
   use deck_records, only: deck
   use sorting, only: sort_by_number
   use deck_flat, only: flat_text
-  use deck_json, only: groups_json
-  use deck_overrides, only: add_override, check_overrides, is_override
+  use deck_overrides, only: add_override, check_overrides
   use deck_parameters, only: compute_values, parameter_value
   use deck_properties, only: read_parameter, read_material, read_section
   use deck_histories, only: read_history, check_histories, table_files
@@ -55,10 +54,10 @@ contains
     logical :: needed                              ! a body is
     d%path = path
     d%name = deck_name(path)
-    allocate (list(0))
+    allocate (list(0), source%parts%overrides(0))
     if (present(settings)) then
       do k = 1, size(settings)
-        if (is_override(settings(k))) call add_override(source, settings(k), '', 0, 0)
+        call add_override(source, trim(settings(k)), '', 0, 0)
       end do
     end if
     call read_source(source, path, 0, '', list, problem)
@@ -67,13 +66,13 @@ contains
       return
     end if
     do k = 1, source%parts%source_count
-      if (source%parts%sources(k)%original < k) cycle
+      if (file_of(source%parts%sources(k)%path) < k) cycle
       if (k > 1) call text%add('! '//source%parts%sources(k)%path//achar(10))
       call text%add(source%parts%sources(k)%text)
     end do
     call check_overrides(source, path)
     call classify()
-    call compute_values(source, pack(list, kinds == in_parameter), path, p, settings)
+    call compute_values(source, pack(list, kinds == in_parameter), path, p)
     call allocate_records()
     call read_groups()
     call check_inertia()
@@ -99,9 +98,7 @@ contains
     if (present(library)) needed = .not. library
     if (needed .and. source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')
     call sort_faults()
-    if (faults%count > 0) return
-    d%flat = flat_text(source%parts, d%parameters%name, d%parameters%value)
-    d%groups = groups_json(source, list, d%parameters%value)
+    if (faults%count == 0) d%flat = flat_text(source, d%parameters%name, d%parameters%value)
   contains
     !> Finds the kind of every group, counts them and registers the names.
     subroutine classify()
@@ -316,6 +313,15 @@ contains
       end do
     end subroutine check_inertia
 
+    !> Number of the file that was first read from a path.
+    pure integer function file_of(shown) result(file)
+      character(*), intent(in) :: shown     !! the path
+      do file = 1, source%parts%source_count
+        if (source%parts%sources(file)%path == shown) return
+      end do
+      file = 0
+    end function file_of
+
     !> The faults by file, in the order in which the files were read, and by line; those of one line as they were found.
     subroutine sort_faults()
       integer, allocatable :: first(:), by_line(:), by_file(:), file(:)
@@ -323,7 +329,7 @@ contains
       if (source%faults%count == 0) return
       associate (found => source%faults%items(1:source%faults%count))
         call sort_by_number(found%line, maxval(found%line), first, by_line)
-        file = [(source%parts%source_of(found(by_line(k))%file), k=1, size(found))]
+        file = [(file_of(found(by_line(k))%file), k=1, size(found))]
         call sort_by_number(file, source%parts%source_count, first, by_file)
         do k = 1, size(found)
           associate (f => found(by_line(by_file(k))))

@@ -76,7 +76,6 @@ module deck_records
     character(:), allocatable :: name        !! file name without folder and `.nml`
     character(:), allocatable :: text        !! the deck's text and that of its included files, for the summary
     character(:), allocatable :: flat        !! the deck as one text of numbers (`deck_flat`)
-    character(:), allocatable :: groups      !! its groups and their values as JSON (`deck_json`)
     character(:), allocatable :: settings    !! NAME=VALUE of parameters that the command line sets, a line each
     type(parameter_record), allocatable :: parameters(:)
     type(scene_record) :: scene

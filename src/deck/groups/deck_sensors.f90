@@ -3,7 +3,6 @@ module deck_sensors
   use kinds, only: wp
   use text, only: either, listed, lower, quoted, to_text
   use deck_input, only: deck_source
-  use deck_geometry, only: removed_coordinates
   use deck_marker, only: check_marker, forbid_ground, body_text
   use deck_records, only: deck_record => deck, body_record, sensor_record
   use deck_take, only: take
@@ -107,16 +106,11 @@ contains
                  .not. any(d%sections(pack(b%element_section, b%element_section > 0))%fibre > 0.0_wp)) then
           call deck%complain('body', 'no section of '//body_text(d, s%marker%body)//' has a shape, which a stress needs, '// &
             'expected a &section with a shape')
-        else if (deck%is_choice('layer slip energy') .and. .not. sections_read(d, b)) then
+        else if (deck%is_choice('layer energy') .and. .not. sections_read(d, b)) then
           return
-        else if (deck%is_choice('slip') .and. core_coordinates(d, b) == 0) then
-          call deck%complain('body', body_text(d, s%marker%body)//' has no cores, expected a body of layers with cores')
         else if (deck%is_set('element') .and. s%element > b%elements) then
           call deck%complain('element', 'element='//to_text(s%element)//' is out of range for '// &
             body_text(d, s%marker%body)//', expected 1 to '//to_text(b%elements))
-        else if (deck%is_set('index') .and. sections_read(d, b) .and. s%index > elastic_coordinates(d, b)) then
-          call deck%complain('index', 'index='//to_text(s%index)//' is out of range for '// &
-            body_text(d, s%marker%body)//', expected 1 to '//to_text(elastic_coordinates(d, b)))
         else if (deck%is_choice('energy')) then
           call check_layer(b, 1, b%elements, body_text(d, s%marker%body))
         else if (deck%is_set('layer') .and. deck%is_set('element')) then
@@ -163,19 +157,6 @@ contains
     end subroutine check_layer
   end subroutine read_sensor
 
-  !> Number of elastic coordinates of a flexible body: its modes, or three a node without those that its frame and
-  !> `axial=.false.` take away, and those of cores.
-  pure integer function elastic_coordinates(d, b) result(n)
-    type(deck_record), intent(in) :: d
-    type(body_record), intent(in) :: b
-    logical :: kept(3, b%nodes)
-    n = b%modes
-    if (n > 0) return
-    kept = .not. removed_coordinates(b)
-    if (.not. b%axial) kept(1, :) = .false.
-    n = count(kept) + core_coordinates(d, b)
-  end function elastic_coordinates
-
   !> Whether the sections of all elements are there and could be read.
   pure logical function sections_read(d, b)
     type(deck_record), intent(in) :: d
@@ -184,30 +165,4 @@ contains
     sections_read = all(b%element_section > 0)
     if (sections_read) sections_read = all([(allocated(d%sections(b%element_section(e))%layers), e=1, b%elements)])
   end function sections_read
-
-  !> Number of the cores' coordinates: one of each element that has it, one at each node that the layers may slip at.
-  pure integer function core_coordinates(d, b) result(n)
-    type(deck_record), intent(in) :: d
-    type(body_record), intent(in) :: b
-    logical, allocatable :: there(:, :)      ! (nodes, layers above the base)
-    integer :: e, j, most
-    n = 0
-    if (.not. sections_read(d, b)) return
-    most = 0
-    do e = 1, b%elements
-      most = max(most, size(d%sections(b%element_section(e))%layers))
-    end do
-    allocate (there(b%nodes, -most:most), source=.false.)
-    do e = 1, b%elements
-      associate (s => d%sections(b%element_section(e)))
-        n = n + size(s%cores)
-        do j = 1, size(s%cores)
-          if (b%kind == 'beam') there(e:e + 1, s%cores(j) - s%base) = .true.
-          if (b%kind /= 'beam') there(b%element_nodes(:, e), s%cores(j) - s%base) = .true.
-        end do
-      end associate
-    end do
-    there(pack(b%slip_held, b%slip_held >= 1 .and. b%slip_held <= b%nodes), :) = .false.
-    n = n + count(there)
-  end function core_coordinates
 end module deck_sensors

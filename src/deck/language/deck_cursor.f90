@@ -18,6 +18,7 @@ module deck_cursor
     integer :: head = 0        !! number of assignments before its first
     integer :: count = 0       !! its assignments
   contains
+    procedure :: enter
     procedure :: at => group_origin
     procedure :: group_word
     procedure :: location_of
@@ -36,6 +37,16 @@ module deck_cursor
   end type group_cursor
 
 contains
+
+  !> Opens a group.
+  subroutine enter(self, number)
+    class(group_cursor), intent(inout) :: self
+    integer, intent(in) :: number   !! which group of the deck
+    self%current = number
+    self%line = self%parts%groups(number)%line
+    self%head = self%parts%groups(number)%first_assignment - 1
+    self%count = self%parts%groups(number)%assignments
+  end subroutine enter
 
   !> Where the open group stands.
   type(origin) function group_origin(self) result(at)

@@ -7,7 +7,7 @@ module deck_files
   use deck_get, only: get
   use deck_keys, only: group_names, in_include
   use deck_lexer, only: split_groups
-  use deck_overrides, only: add_override, is_override, override_file
+  use deck_overrides, only: add_override, override_file
   use expression, only: is_name
   use deck_paths, only: path_from
   use deck_syntax, only: string_value, value_token
@@ -39,8 +39,7 @@ contains
     faults = deck%faults%count
     values = deck%parts%value_count
     assignments = deck%parts%assignment_count
-    setting = 0
-    if (allocated(deck%parts%overrides)) setting = size(deck%parts%overrides)
+    setting = size(deck%parts%overrides)
     do
       call split_groups(deck, file)
       call override_file(deck, file, next, setting, changed)
@@ -53,11 +52,13 @@ contains
     last = deck%parts%group_count
     deck%parts%sources(file)%first_group = next
     deck%parts%sources(file)%last_group = last
-    if (parent > 0 .and. deck%faults%count > faults .and. .not. any_known(deck, next, last)) then
-      problem = 'it holds no group of a deck'               ! a file of another kind; nothing of it is shown
-      deck%faults%count = faults
-      deck%parts%group_count = next - 1
-      return
+    if (parent > 0 .and. deck%faults%count > faults) then
+      if (.not. any([(nearest_word(deck%group_word(k), group_names) > 0, k=next, last)])) then
+        problem = 'it holds no group of a deck'             ! a file of another kind; nothing of it is shown
+        deck%faults%count = faults
+        deck%parts%group_count = next - 1
+        return
+      end if
     end if
     do k = next, last
       if (deck%parts%groups(k)%kind /= in_include) cycle
@@ -67,18 +68,6 @@ contains
     end do
     list = [list, (j, j=next, last)]
   end subroutine read_source
-
-  !> Whether a group of a file has the name of a deck's group, or nearly that name.
-  logical function any_known(deck, first, last) result(yes)
-    class(deck_source), intent(in) :: deck
-    integer, intent(in) :: first, last            !! the groups of the file
-    integer :: k
-    do k = first, last
-      yes = nearest_word(deck%group_word(k), group_names) > 0
-      if (yes) return
-    end do
-    yes = .false.
-  end function any_known
 
   !> Reads the file that an &include names.
   recursive subroutine follow(deck, number, file, list)
@@ -97,12 +86,14 @@ contains
       if (deck%is_set('file') .and. len(name) == 0) call deck%complain('file', 'file='''' is empty, expected the '// &
         'name of a deck file')
       call get(deck, deck%row_of('prefix'), prefix)
-      call deck%look_up(deck%row_of('set'), settings)      ! those of parameters are read with the parameters
+      call deck%look_up(deck%row_of('set'), settings)
       do k = 1, merge(deck%tokens(max(settings, 1)), 0, settings > 0)
         token = deck%token(settings, k)
-        if (token%form /= string_value) cycle
-        if (is_override(deck%word(token))) call add_override(deck, deck%word(token), &
-          deck%parts%sources(file)%prefix//prefix, file, token%line)
+        if (token%form == string_value) then
+          call add_override(deck, deck%word(token), deck%parts%sources(file)%prefix//prefix, number, token%line)
+        else
+          call deck%add_fault(token%line, 'set='//deck%written(token)//' is no text in quotes, expected set=''NAME=VALUE'',...')
+        end if
       end do
       if (len(prefix) > 0 .and. .not. is_name(prefix)) then
         call deck%complain('prefix', 'prefix='//quoted(printable(prefix, 40))//' cannot begin the names of parameters, '// &
@@ -134,25 +125,18 @@ contains
     integer, intent(in) :: file                            !! number of the file that includes it
     character(*), intent(in) :: prefix                     !! of its names
     character(:), allocatable, intent(out) :: problem      !! empty if it may be read
-    character(:), allocatable :: names                     ! prefix of its names
-    integer :: first, k
+    integer :: k
     problem = ''
     if (deck%parts%sources(file)%depth >= deepest) problem = ' is included too deep, expected at most '//to_text(deepest)// &
       ' files within each other'
     if (deck%parts%source_count >= most_files) problem = ' is one file too many, expected at most '//to_text(most_files)
-    first = deck%parts%source_of(path)
-    if (first == 0) return
-    names = deck%parts%sources(file)%prefix//prefix
-    k = first
-    do while (k > 0)
-      if (deck%parts%sources(k)%prefix == names) problem = ' is included before with the '// &
-        'same names, expected every file once, or another prefix'
-      k = deck%parts%sources(k)%copy
+    do k = 1, deck%parts%source_count
+      if (deck%parts%sources(k)%key == path .and. deck%parts%sources(k)%prefix == deck%parts%sources(file)%prefix//prefix) &
+        problem = ' is included before with the same names, expected every file once, or another prefix'
     end do
     k = file
     do while (k > 0)
-      if (deck%parts%sources(k)%original == first) problem = ' includes itself, directly or through others, expected files '// &
-        'that do not'
+      if (deck%parts%sources(k)%key == path) problem = ' includes itself, directly or through others, expected files that do not'
       k = deck%parts%sources(k)%parent
     end do
   end subroutine check_repeated

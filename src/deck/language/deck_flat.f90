@@ -7,17 +7,18 @@ module deck_flat
   use text, only: exact_text, to_text
   use deck_keys, only: in_parameter
   use deck_paths, only: path_from
-  use deck_syntax, only: syntax, expression_value
+  use deck_cursor, only: group_cursor
+  use deck_syntax, only: expression_value
   use posix, only: current_folder
   implicit none (type, external)
   private
-  public :: flat_text, number_text, table_path
+  public :: flat_text
 
 contains
 
   !> The text of a deck that has no faults.
-  function flat_text(parts, names, values) result(text)
-    type(syntax), intent(in) :: parts          !! with the values of its expressions
+  function flat_text(deck, names, values) result(text)
+    class(group_cursor), intent(inout) :: deck !! with the values of its expressions
     character(*), intent(in) :: names(:)       !! of its parameters
     real(wp), intent(in) :: values(:)          !! their values [any]
     character(:), allocatable :: text
@@ -32,11 +33,11 @@ contains
       integer, intent(in) :: file              !! its number
       integer :: g, last                       ! group, last character that is done with
       last = 0
-      associate (s => parts%sources(file))
+      associate (s => deck%parts%sources(file))
         do g = s%first_group, s%last_group
-          associate (group => parts%groups(g))
+          associate (group => deck%parts%groups(g))
             if (group%included > 0) then
-              call flat%add(s%text(last + 1:group%first - 2)//'! '//parts%sources(group%included)%path//lf)
+              call flat%add(s%text(last + 1:group%first - 2)//'! '//deck%parts%sources(group%included)%path//lf)
               call add_file(group%included)
               last = group%slash
             else if (group%kind == in_parameter) then
@@ -58,17 +59,23 @@ contains
       integer, intent(in) :: file              !! number of its file
       integer, intent(in) :: g                 !! its number
       integer, intent(inout) :: last           !! last character of the file that is done with
-      integer :: a, v
-      associate (s => parts%sources(file), group => parts%groups(g))
+      character(:), allocatable :: path
+      integer :: a, v, i
+      associate (s => deck%parts%sources(file), group => deck%parts%groups(g))
         do a = group%first_assignment, group%first_assignment + group%assignments - 1
-          do v = parts%assignments(a)%first_value, parts%assignments(a)%first_value + parts%assignments(a)%values - 1
-            associate (token => parts%values(v))
+          do v = deck%parts%assignments(a)%first_value, deck%parts%assignments(a)%first_value + deck%parts%assignments(a)%values - 1
+            associate (token => deck%parts%values(v))
               if (token%form == expression_value) then
                 call replace(s%text, token%first, token%last, number_text(token%number), last)
               else if (token%part > 0) then
-                call replace(s%text, token%first, token%first - 1, parts%sources(token%part)%prefix, last)
-              else if (parts%assignments(a)%name == 'file') then      ! a table's
-                call replace(s%text, token%first, token%last, table_path(s%path, s%text(token%first:token%last)), last)
+                call replace(s%text, token%first, token%first - 1, deck%parts%sources(token%part)%prefix, last)
+              else if (deck%parts%assignments(a)%name == 'file') then      ! a table's
+                call deck%enter(g)
+                path = table_path(s%path, deck%word(token))
+                do i = len(path), 1, -1                               ! a quote is doubled
+                  if (path(i:i) == s%text(token%first - 1:token%first - 1)) path = path(:i)//path(i:)
+                end do
+                call replace(s%text, token%first, token%last, path, last)
               end if
             end associate
           end do

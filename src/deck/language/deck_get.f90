@@ -2,7 +2,7 @@
 !> default where the group does not give the key.
 module deck_get
   use kinds, only: wp
-  use text, only: lower, to_text, quoted
+  use text, only: either, lower, to_text, quoted
   use deck_input, only: deck_source
   use deck_key, only: expectation, in_range, is_whole, range_text
   use deck_keys, only: keys
@@ -41,15 +41,8 @@ contains
       call deck%mark_good(assignment)
     else
       call fault(deck, row, '='//deck%written(deck%token(assignment, 1))//' is out of range, expected '//expectation(keys(row))// &
-        instead())
+        either('; '//trim(keys(row)%instead), '', keys(row)%instead /= '' .and. abs(value) <= 0.0_wp))
     end if
-  contains
-    !> What to do instead of the value 0, where that is known.
-    function instead() result(t)
-      character(:), allocatable :: t
-      t = ''
-      if (keys(row)%instead /= '' .and. abs(value) <= 0.0_wp) t = '; '//trim(keys(row)%instead)
-    end function instead
   end subroutine get_real
 
   !> Two real numbers, a vector.

@@ -96,13 +96,8 @@ contains
   subroutine open_group(self, number)
     class(deck_source), intent(inout) :: self
     integer, intent(in) :: number   !! which group of the deck
-    associate (g => self%parts%groups(number))
-      self%current = number
-      self%line = g%line
-      self%head = g%first_assignment - 1
-      self%count = g%assignments
-      self%kind = g%kind
-    end associate
+    call self%enter(number)
+    self%kind = self%parts%groups(number)%kind
     self%selector = 0
     self%choice = 0
     self%choice_word = ''
@@ -248,6 +243,7 @@ contains
           assignment = 0
         else if (any(self%parts%values(a%first_value:a%first_value + a%values - 1)%form == bad_value)) then
           assignment = 0
+          self%faults_before = -1           ! its fault, which is reported, is one of the group
         end if
       end associate
     end subroutine check_form

@@ -1,51 +1,39 @@
-!> A deck as groups of values, as JSON: for programs that want numbers and words. Expressions have their values, names the prefix of
-!> their part, tables their whole path.
+!> A deck as groups of values, as JSON: for programs that want numbers and words.
 module deck_json
   use kinds, only: wp
   use growing_text, only: text_buffer
   use readable_text, only: json_text
   use summary_text, only: json_number
-  use text, only: lower, to_text
+  use text, only: either, lower, to_text
   use deck_cursor, only: group_cursor
-  use deck_flat, only: number_text, table_path
-  use deck_keys, only: in_parameter
+  use deck_lexer, only: split_groups
   use deck_numbers, only: read_integer, read_real
-  use deck_syntax, only: bad_value, expression_value, null_value, string_value, value_token
+  use deck_syntax, only: null_value, string_value, value_token
   implicit none (type, external)
   private
   public :: groups_json
 
 contains
 
-  !> A list of objects, one a group: `group`, its kind, and each of its keys with a list of values. The deck has no faults.
-  function groups_json(deck, list, parameters) result(text)
-    class(group_cursor), intent(inout) :: deck
-    integer, intent(in) :: list(:)             !! the groups, in their order
-    real(wp), intent(in) :: parameters(:)      !! values of its parameters [any]
-    character(:), allocatable :: text, key
+  !> A list of objects, one a group: `group`, its kind, and each of its keys with a list of values.
+  function groups_json(flat) result(text)
+    character(*), intent(in) :: flat           !! the deck as `flat_text` gives it
+    character(:), allocatable :: text
+    type(group_cursor) :: deck
     type(text_buffer) :: json
     integer, allocatable :: values(:)
-    integer :: a, k, n, number                 ! assignment, group, value, parameters so far
-    number = 0
+    integer :: a, k, n                         ! assignment, group, value
+    call deck%parts%add_source('', flat, 0, '')
+    call split_groups(deck, 1)
     call json%add('[')
-    do k = 1, size(list)
-      deck%current = list(k)
-      deck%head = deck%parts%groups(list(k))%first_assignment - 1
-      deck%count = deck%parts%groups(list(k))%assignments
-      if (k > 1) call json%add(', ')
-      call json%add('{"group": '//json_text(deck%group_word(list(k))))
-      if (deck%parts%groups(list(k))%kind == in_parameter) number = number + 1
+    do k = 1, deck%parts%group_count
+      call deck%enter(k)
+      call json%add(either('', ', ', k == 1)//'{"group": '//json_text(deck%group_word(k)))
       do a = 1, deck%count
-        key = trim(deck%parts%assignments(deck%head + a)%name)
-        call json%add(', '//json_text(key)//': [')
+        call json%add(', '//json_text(trim(deck%parts%assignments(deck%head + a)%name))//': [')
         values = deck%expanded(a)
         do n = 1, size(values)
-          if (n > 1) call json%add(', ')
-          if (deck%parts%groups(list(k))%kind == in_parameter .and. key == 'value') then
-            call json%add(number_text(parameters(number)))
-          else
-            call json%add(value_text(deck, key, deck%token(a, values(n))))
-          end if
+          call json%add(either('', ', ', n == 1)//value_text(deck, deck%token(a, values(n))))
         end do
         call json%add(']')
       end do
@@ -56,40 +44,31 @@ contains
   end function groups_json
 
   !> One value.
-  function value_text(deck, key, token) result(text)
+  function value_text(deck, token) result(text)
     class(group_cursor), intent(in) :: deck
-    character(*), intent(in) :: key            !! for which it stands
     type(value_token), intent(in) :: token
     character(:), allocatable :: text, problem
     real(wp) :: x                              ! [as the value]
     integer :: n
-    select case (token%form)
-    case (expression_value)
-      text = number_text(token%number)
-    case (null_value, bad_value)
-      text = 'null'
-    case (string_value)
-      text = deck%word(token)
-      if (token%part > 0) text = deck%parts%sources(token%part)%prefix//text
-      if (key == 'file') text = table_path(deck%parts%sources(deck%file())%path, text)
+    text = 'null'
+    if (token%form == null_value) return
+    text = deck%word(token)
+    n = 0
+    call read_integer(text, n, problem)
+    if (token%form == string_value) then
       text = json_text(text)
-    case default
-      text = deck%raw(token%first, token%last)
-      n = 0
-      call read_integer(text, n, problem)
-      if (len(problem) == 0) then
-        text = to_text(n)
-        return
-      end if
+    else if (len(problem) == 0) then
+      text = to_text(n)
+    else
       x = 0.0_wp
       call read_real(text, x, problem)
       if (len(problem) == 0) then
         text = json_number(x)
       else if (scan(lower(text(1:min(2, len(text)))), 'tf') > 0 .and. (text(1:1) == '.' .or. len(text) == 1)) then
-        text = merge('true ', 'false', scan(lower(text(1:min(2, len(text)))), 't') > 0)
+        text = either('true', 'false', scan(lower(text(1:min(2, len(text)))), 't') > 0)
       else
         text = json_text(text)
       end if
-    end select
+    end if
   end function value_text
 end module deck_json

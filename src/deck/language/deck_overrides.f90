@@ -1,5 +1,6 @@
-!> Values that stand in the place of a deck's own: GROUP/KEY=VALUE or GROUP/NAME/KEY=VALUE, of the command line or of an &include.
-!> They are written into the text of the file, so that all that is told or printed of the deck has them.
+!> Values that stand in the place of a deck's own: NAME=VALUE of a parameter (`deck_parameters` takes it), GROUP/KEY=VALUE or
+!> GROUP/NAME/KEY=VALUE, of the command line or of an &include. The latter are written into the text of the file, so that all that is
+!> told or printed of the deck has them.
 module deck_overrides
   use readable_text, only: printable
   use text, only: digits, lower, nearest_word, quoted, to_text
@@ -8,28 +9,21 @@ module deck_overrides
   use deck_syntax, only: override, string_value
   implicit none (type, external)
   private
-  public :: is_override, add_override, override_file, check_overrides
+  public :: add_override, override_file, check_overrides, complain, written_as
 
 contains
 
-  !> Whether a setting names a key of a group, not a parameter.
-  pure logical function is_override(setting) result(yes)
-    character(*), intent(in) :: setting        !! NAME=VALUE
-    yes = index(setting(:index(setting//'=', '=') - 1), '/') > 0
-  end function is_override
-
   !> Notes a setting; those that were noted before prevail.
-  subroutine add_override(deck, setting, prefix, file, line)
+  subroutine add_override(deck, setting, prefix, include, line)
     class(group_cursor), intent(inout) :: deck
-    character(*), intent(in) :: setting        !! GROUP/KEY=VALUE, GROUP/NAME/KEY=VALUE, KEY(2)=VALUE of a list; no VALUE: the key
-                                               !! goes; GROUP/NAME/=: the group goes
+    character(*), intent(in) :: setting        !! NAME=VALUE, GROUP/KEY=VALUE, GROUP/NAME/KEY=VALUE, KEY(2)=VALUE of a list; no
+                                               !! VALUE: the key goes; GROUP/NAME/=: the group goes
     character(*), intent(in) :: prefix         !! of the names of the part for which it holds
-    integer, intent(in) :: file, line          !! of the &include in which it stands, 0: the command line
+    integer, intent(in) :: include, line       !! the &include in which it stands, its line; 0: the command line
     type(override), allocatable :: more(:)
     character(:), allocatable :: path
     integer :: equals, first, last, bracket, k, n
-    n = 0
-    if (allocated(deck%parts%overrides)) n = size(deck%parts%overrides)
+    n = size(deck%parts%overrides)
     allocate (more(n + 1))
     do k = 1, n
       more(k) = deck%parts%overrides(k)
@@ -44,8 +38,10 @@ contains
       new%group = path(:first - 1)
       new%name = ''
       if (last > first) new%name = lower(prefix)//path(first + 1:last - 1)
+      new%plain = first == 0
+      if (new%plain) new%name = lower(prefix)//path
       new%key = path(last + 1:)
-      new%file = file
+      new%include = include
       new%line = line
       bracket = index(new%key, '(')
       if (bracket > 0 .and. index(new%key, ')') == len(new%key)) then
@@ -79,9 +75,7 @@ contains
     !> Whether a setting holds for a group.
     logical function meant(k, g) result(yes)
       integer, intent(in) :: k, g
-      deck%current = g
-      deck%head = deck%parts%groups(g)%first_assignment - 1
-      deck%count = deck%parts%groups(g)%assignments
+      call deck%enter(g)
       yes = deck%group_word(g) == deck%parts%overrides(k)%group
       if (yes .and. len(deck%parts%overrides(k)%name) > 0) yes = lower(deck%prefix()//deck%peek('name')) == &
         deck%parts%overrides(k)%name
@@ -160,11 +154,14 @@ contains
     character(*), intent(in) :: path           !! of the deck, for messages
     character(:), allocatable :: problem
     integer :: k, near
-    if (.not. allocated(deck%parts%overrides)) return
     do k = 1, size(deck%parts%overrides)
       associate (one => deck%parts%overrides(k))
         problem = ''
-        if (.not. any(group_names == one%group)) then
+        if (index(one%shown, '=') == 0) then
+          problem = 'has no =, expected NAME=VALUE'
+        else if (one%plain) then
+          cycle
+        else if (.not. any(group_names == one%group)) then
           near = nearest_word(one%group, group_names)
           problem = 'names no kind of group, expected GROUP/NAME/KEY=VALUE'
           if (near > 0) problem = 'names no kind of group, did you mean '//trim(group_names(near))//'?'
@@ -173,14 +170,27 @@ contains
         else if (one%item < 0) then
           problem = 'names no single value, expected the number of one that the deck states, without a repeat count'
         end if
-        if (len(problem) == 0) cycle
-        if (one%file == 0) then
-          call deck%faults%add(path, 0, '', '--set '//printable(one%shown, 80)//' '//problem)
-        else
-          call deck%faults%add(deck%parts%sources(one%file)%path, one%line, '', 'set='//quoted(printable(one%shown, 80))//' '// &
-            problem)
-        end if
+        if (len(problem) > 0) call complain(deck, path, one%include, one%line, written_as(one)//problem)
       end associate
     end do
   end subroutine check_overrides
+
+  !> A setting as it stands on the command line or in its &include, with a blank behind it.
+  function written_as(one) result(text)
+    type(override), intent(in) :: one
+    character(:), allocatable :: text
+    text = '--set '//printable(one%shown, 80)//' '
+    if (one%include > 0) text = 'set='//quoted(printable(one%shown, 80))//' '
+  end function written_as
+
+  !> Reports a fault of a group or of the command line.
+  subroutine complain(deck, path, group, line, message)
+    class(group_cursor), intent(inout) :: deck
+    character(*), intent(in) :: path           !! of the deck
+    integer, intent(in) :: group, line         !! 0: the command line
+    character(*), intent(in) :: message
+    if (group > 0) deck%current = group
+    if (group > 0) call deck%add_fault(line, message)
+    if (group == 0) call deck%faults%add(path, 0, '', message)
+  end subroutine complain
 end module deck_overrides

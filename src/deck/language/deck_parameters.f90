@@ -4,13 +4,13 @@
 module deck_parameters
   use kinds, only: wp
   use readable_text, only: printable
-  use text, only: either, lower, nearest_word, quoted
+  use text, only: either, nearest_word
   use deck_input, only: deck_source
   use deck_keys, only: in_parameter
   use deck_names, only: not_there
   use deck_numbers, only: check_range
-  use deck_overrides, only: is_override
-  use deck_syntax, only: value_token, bare_value, expression_value, string_value, bad_value
+  use deck_overrides, only: complain, written_as
+  use deck_syntax, only: value_token, bare_value, expression_value, bad_value
   use expression, only: constants, evaluate, find_names, most_names, name_letters
   implicit none (type, external)
   private
@@ -26,7 +26,7 @@ module deck_parameters
     integer :: source = 0                     !! group in which it stands, 0: the command line
     integer :: line = 0                       !! its line
     integer :: token = 0                      !! position of the group's own value among all values
-    character(:), allocatable :: shown        !! for messages: `value={2*L}`
+    character(:), allocatable :: shown        !! for messages: `value={2*L} `
     integer :: state = untouched
     real(wp) :: value = 0.0_wp                !! [as the parameter]
     logical :: used = .false.                 !! an expression names it
@@ -35,24 +35,18 @@ module deck_parameters
 contains
 
   !> Gives all parameters and all expressions of a deck their values. An expression that has none is reported and unusable.
-  subroutine compute_values(deck, groups, path, p, settings)
+  subroutine compute_values(deck, groups, path, p)
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: groups(:)                       !! those that define parameters, in the order of their numbers
     character(*), intent(in) :: path                       !! of the deck, for messages
     type(parameter_value), allocatable, intent(out) :: p(:)
-    character(*), intent(in), optional :: settings(:)      !! NAME=VALUE of the command line
     integer, allocatable :: stack(:)                       ! parameters that wait for the next one
     integer :: k
     allocate (p(size(groups)), stack(size(groups)))
     do k = 1, size(p)
       call read_own_value(k)
     end do
-    if (present(settings)) then
-      do k = 1, size(settings)
-        if (.not. is_override(settings(k))) call apply_setting(trim(settings(k)), 0, 0)
-      end do
-    end if
-    call apply_includes()
+    call apply_settings()
     do k = 1, size(p)
       if (p(k)%state == untouched) call resolve(k)
     end do
@@ -75,70 +69,47 @@ contains
       token = deck%token(assignment, 1)
       if (token%form /= bare_value .and. token%form /= expression_value) return
       p(k)%text = deck%raw(token%first, token%last)
-      p(k)%shown = 'value='//p(k)%text
+      p(k)%shown = 'value='//p(k)%text//' '
       p(k)%line = token%line
       p(k)%token = token%position
       p(k)%state = untouched
       if (token%form == expression_value) p(k)%text = inside(p(k)%text)
     end subroutine read_own_value
 
-    !> What every &include with `set` says of the parameters of its part. What an outer one says prevails over an inner one.
-    subroutine apply_includes()
-      type(value_token) :: token
-      integer :: g, j, assignment
-      do g = 1, deck%parts%group_count
-        if (deck%parts%groups(g)%included == 0) cycle
-        call deck%open(g)
-        assignment = deck%assignment_of('set')
-        if (assignment == 0) cycle
-        do j = 1, deck%tokens(assignment)
-          token = deck%token(assignment, j)
-          if (token%form == string_value) then
-            if (.not. is_override(deck%word(token))) call apply_setting(deck%word(token), g, token%line)
-          else if (token%form /= bad_value) then
-            call deck%add_fault(token%line, 'set='//deck%written(token)//' is no text in quotes, expected set=''NAME=VALUE'',...')
+    !> Takes NAME=VALUE of the command line and of every &include. What comes first prevails: the command line, then outer parts.
+    subroutine apply_settings()
+      character(:), allocatable :: best, prefix
+      integer :: i, file, k
+      do i = 1, size(deck%parts%overrides)
+        associate (one => deck%parts%overrides(i))
+          file = 1
+          if (one%include > 0) file = deck%parts%groups(one%include)%included
+          if (.not. one%plain .or. index(one%shown, '=') == 0 .or. file == 0) cycle
+          prefix = deck%parts%sources(file)%prefix
+          k = deck%names(in_parameter)%find(one%name)
+          if (k == not_there) then
+            call deck%names(in_parameter)%nearest(one%name, best)
+            if (len(best) > 0) best = 'did you mean '//best(len(prefix) + 1:)//'?'
+            if (len(best) == 0) best = 'expected the name of a &parameter there'
+            call complain(deck, path, one%include, one%line, written_as(one)//'names no parameter of the '// &
+                          either('deck', 'part', one%include == 0)//', '//best)
+          else if (k > 0) then
+            if (p(k)%source == one%include) then
+              call complain(deck, path, one%include, one%line, written_as(one)//'sets '// &
+                            trim(adjustl(one%shown(:index(one%shown, '=') - 1)))//' twice, expected one value')
+            else if (p(k)%source == p(k)%group) then
+              p(k)%source = one%include
+              p(k)%file = 1
+              if (one%include > 0) p(k)%file = deck%parts%groups(one%include)%file
+              p(k)%line = one%line
+              p(k)%shown = written_as(one)
+              p(k)%text = inside(one%value)
+              p(k)%state = untouched
+            end if
           end if
-        end do
+        end associate
       end do
-    end subroutine apply_includes
-
-    !> Takes `NAME=VALUE` for the parameter of that name.
-    subroutine apply_setting(text, group, line)
-      character(*), intent(in) :: text
-      integer, intent(in) :: group            !! &include in which it stands, 0: command line
-      integer, intent(in) :: line             !! its line
-      character(:), allocatable :: name, best, shown
-      integer :: equals, file, k
-      equals = index(text, '=')
-      name = lower(trim(adjustl(text(1:max(equals - 1, 0)))))
-      file = 1
-      if (group > 0) file = deck%parts%groups(group)%included
-      shown = '--set '//printable(text, 80)
-      if (group > 0) shown = 'set='//quoted(printable(text, 80))
-      if (equals == 0) then
-        call complain(group, line, shown, 'has no =, expected NAME=VALUE')
-        return
-      end if
-      k = deck%names(in_parameter)%find(deck%parts%sources(file)%prefix//name)
-      if (k == not_there) then
-        call deck%names(in_parameter)%nearest(deck%parts%sources(file)%prefix//name, best)
-        if (len(best) > 0) best = 'did you mean '//best(len(deck%parts%sources(file)%prefix) + 1:)//'?'
-        if (len(best) == 0) best = 'expected the name of a &parameter there'
-        call complain(group, line, shown, 'names no parameter of the '//either('deck', 'part', group == 0)//', '//best)
-      else if (k > 0) then
-        if (p(k)%source == group) then
-          call complain(group, line, shown, 'sets '//trim(adjustl(text(:equals - 1)))//' twice, expected one value')
-        else if (p(k)%source == p(k)%group) then
-          p(k)%source = group
-          p(k)%file = 1
-          if (group > 0) p(k)%file = deck%file()
-          p(k)%line = line
-          p(k)%shown = shown
-          p(k)%text = inside(trim(adjustl(text(equals + 1:))))
-          p(k)%state = untouched
-        end if
-      end if
-    end subroutine apply_setting
+    end subroutine apply_settings
 
     !> Computes a parameter, those that it needs first. The stack takes the place of recursion.
     subroutine resolve(first)
@@ -151,12 +122,11 @@ contains
       do while (depth > 0)
         k = stack(depth)
         p(k)%state = begun
-        if (p(k)%source > 0) call deck%open(p(k)%source)
         call compute(p(k)%text, p(k)%file, p(k)%value, needed, problem, good)
         if (needed == 0) then
           p(k)%state = known
           if (.not. good) call mark_faulty(k)
-          if (len(problem) > 0) call complain(p(k)%source, p(k)%line, p(k)%shown, problem)
+          if (len(problem) > 0) call complain(deck, path, p(k)%source, p(k)%line, p(k)%shown//problem)
           depth = depth - 1
         else if (p(needed)%state == untouched) then
           depth = depth + 1
@@ -169,9 +139,8 @@ contains
             call mark_faulty(stack(depth))
             depth = depth - 1
           end do
-          if (p(needed)%source > 0) call deck%open(p(needed)%source)
-          call complain(p(needed)%source, p(needed)%line, p(needed)%shown, 'depends on itself ('//chain(3:)//', '// &
-            name_of(needed)//'), expected parameters that do not')
+          call complain(deck, path, p(needed)%source, p(needed)%line, p(needed)%shown//'depends on itself ('// &
+            chain(3:)//', '//name_of(needed)//'), expected parameters that do not')
         end if
       end do
     end subroutine resolve
@@ -248,22 +217,13 @@ contains
               call compute(inside(deck%raw(token%first, token%last)), deck%file(), token%number, needed, problem, good)
               if (good) cycle
               token%form = bad_value
-              if (len(problem) > 0) call complain(g, token%line, trim(deck%parts%assignments(a)%name)//'='// &
-                printable(deck%raw(token%first, token%last), 80), problem)
+              if (len(problem) > 0) call deck%add_fault(token%line, trim(deck%parts%assignments(a)%name)//'='// &
+                printable(deck%raw(token%first, token%last), 80)//' '//problem)
             end associate
           end do
         end do
       end do
     end subroutine fill_expressions
-
-    !> Reports a fault of a value.
-    subroutine complain(group, line, shown, problem)
-      integer, intent(in) :: group                          !! in which it stands, open; 0: the command line
-      integer, intent(in) :: line                           !! its line
-      character(*), intent(in) :: shown, problem
-      if (group > 0) call deck%add_fault(line, shown//' '//problem)
-      if (group == 0) call deck%faults%add(path, 0, '', shown//' '//problem)
-    end subroutine complain
   end subroutine compute_values
 
   !> An expression without the braces around it, if it has any.

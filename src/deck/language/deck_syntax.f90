@@ -3,7 +3,7 @@
 module deck_syntax
   use kinds, only: wp
   use readable_text, only: printable
-  use text, only: digits, letters, lower, word_hash
+  use text, only: digits, letters, lower
   use deck_paths, only: path_from
   implicit none (type, external)
   private
@@ -70,19 +70,17 @@ module deck_syntax
     character(:), allocatable :: prefix !! of the names that it defines, those of the parts around it in front
     integer :: outer = 0                !! number of the file of the part around it, 0: it belongs to the deck itself
     integer :: depth = 0                !! how many files include each other above it
-    integer :: hash = 0                 !! of the key
-    integer :: original = 0             !! number of the file that was first read from the same path: itself where it is that
-    integer :: copy = 0                 !! number of another file read from the same path, 0: none
     integer :: first_group = 1, last_group = 0   !! its groups
   end type source
 
   !> A value that stands in the place of a deck's own (`deck_overrides`).
   type, public :: override
     character(:), allocatable :: shown          !! as written, for messages
+    logical :: plain = .false.                  !! NAME=VALUE of a parameter
     character(:), allocatable :: group, name    !! in lower case, the name with its prefix; '': the only group of its kind
     character(:), allocatable :: key, value     !! '': the group goes; '': the key goes
     integer :: item = 0                         !! number of a value of a list, 0: all of it; -1: there is none
-    integer :: file = 0, line = 0               !! of the &include in which it stands, 0: the command line
+    integer :: include = 0, line = 0            !! the &include in which it stands, its line; 0: the command line
     integer :: uses = 0                         !! groups for which it holds
   end type override
 
@@ -100,7 +98,6 @@ module deck_syntax
     logical :: has_expressions = .false.
   contains
     procedure :: add_source
-    procedure :: source_of
     procedure :: add_group
     procedure :: add_assignment
     procedure :: add_value
@@ -119,37 +116,15 @@ contains
     if (self%source_count == size(self%sources)) self%sources = [self%sources, self%sources]
     self%source_count = self%source_count + 1
     associate (new => self%sources(self%source_count))
-      new = source(path=path, text=text, parent=parent, prefix=prefix, original=self%source_of(path))
+      new = source(path=path, text=text, parent=parent, prefix=prefix)
       new%key = path_from('', path)
-      new%hash = word_hash(new%key)
       if (parent > 0) then
         new%depth = self%sources(parent)%depth + 1
         new%prefix = self%sources(parent)%prefix//prefix
         new%outer = merge(parent, self%sources(parent)%outer, len(prefix) > 0)
       end if
-      if (new%original > 0) then
-        new%copy = self%sources(new%original)%copy
-        self%sources(new%original)%copy = self%source_count
-      else
-        new%original = self%source_count
-      end if
     end associate
   end subroutine add_source
-
-  !> Number of the file that was first read from a path, 0: none.
-  pure integer function source_of(self, path) result(number)
-    class(syntax), intent(in) :: self
-    character(*), intent(in) :: path
-    character(:), allocatable :: key
-    integer :: hash
-    key = path_from('', path)
-    hash = word_hash(key)
-    do number = 1, self%source_count
-      if (self%sources(number)%hash /= hash) cycle
-      if (self%sources(number)%key == key) return
-    end do
-    number = 0
-  end function source_of
 
   !> Appends a group; assignments that are appended after it belong to it.
   subroutine add_group(self, new)

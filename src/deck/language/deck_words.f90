@@ -145,26 +145,17 @@ contains
     integer, allocatable, intent(out) :: numbers(:)  !! numbers of the named things, size 0 if faulty
     integer, intent(in) :: kind                      !! what it names, a number of a group
     character(name_length), allocatable :: values(:)
-    type(value_token) :: before
-    integer :: assignment, k
-    logical :: good, all_good
+    integer :: k
+    logical :: good
     call text_list(deck, row, values)
     allocate (numbers(size(values)), source=0)
-    if (size(values) == 0) return
-    all_good = .true.
-    assignment = deck%assignment_of(keys(row)%name)
     do k = 1, size(values)
-      if (k > 1 .and. values(k) == values(max(k - 1, 1))) then      ! a fault of it is reported already
-        numbers(k) = numbers(k - 1)
-        before = deck%token(assignment, k - 1)
-        call note_part(deck, row, k, before%part)
-      else
-        call resolve(deck, row, k, trim(values(k)), kind, numbers(k), good)
-        all_good = all_good .and. good
-      end if
+      call resolve(deck, row, k, trim(values(k)), kind, numbers(k), good)
+      if (good) cycle                               ! of a faulty list the first fault is reported
+      numbers = numbers(:0)
+      return
     end do
-    numbers = numbers(deck%expanded(assignment))
-    if (.not. all_good) numbers = [integer ::]
+    if (size(values) > 0) numbers = numbers(deck%expanded(deck%assignment_of(keys(row)%name)))
   end subroutine get_references
 
   !> A list of names or words in quotes, one for each value token.
