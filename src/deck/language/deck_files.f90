@@ -131,8 +131,8 @@ contains
       ' files within each other'
     if (deck%parts%source_count >= most_files) problem = ' is one file too many, expected at most '//to_text(most_files)
     do k = 1, deck%parts%source_count
-      if (deck%parts%sources(k)%key == path .and. deck%parts%sources(k)%prefix == deck%parts%sources(file)%prefix//prefix) &
-        problem = ' is included before with the same names, expected every file once, or another prefix'
+      if (deck%parts%sources(k)%key /= path .or. deck%parts%sources(k)%prefix /= deck%parts%sources(file)%prefix//prefix) cycle
+      problem = ' is included before with the same names, expected every file once, or another prefix'
     end do
     k = file
     do while (k > 0)

@@ -1,6 +1,6 @@
 !> Values that stand in the place of a deck's own: NAME=VALUE of a parameter (`deck_parameters` takes it), GROUP/KEY=VALUE or
-!> GROUP/NAME/KEY=VALUE, of the command line or of an &include. The latter are written into the text of the file, so that all that is
-!> told or printed of the deck has them.
+!> GROUP/NAME/KEY=VALUE, of the command line or of an &include. The latter are written into the text of the file, so that all
+!> that is told or printed of the deck has them.
 module deck_overrides
   use readable_text, only: printable
   use text, only: digits, lower, nearest_word, quoted, to_text
