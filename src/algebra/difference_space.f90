@@ -1,5 +1,5 @@
-!> A space of directions V with their images W = M V by difference quotients of a map whose derivative is M (theory.md, section 15).
-!> It grows by one direction a turn; what it knows of M gives Newton's step and the multipliers. Nothing of the size of M is formed.
+!> A space of directions V with their images W = M V by differences of a map whose derivative is M (theory.md, section 15). What it
+!> knows of M gives the step of the search and the multipliers. Nothing of the size of M is formed.
 module difference_space
   use kinds, only: wp
   use lapack, only: dgeev, dgesdd, dgesv
@@ -10,12 +10,13 @@ module difference_space
   !> The space.
   type, public :: direction_space
     integer :: count = 0
-    real(wp), allocatable :: basis(:, :)      !! (n, count or more) directions asked for, orthonormal [-]
+    real(wp), allocatable :: basis(:, :)      !! (n, count or more) orthonormal [-]
     real(wp), allocatable :: v(:, :)          !! (n, count or more) directions that were moved along [-]
     real(wp), allocatable :: w(:, :)          !! (n, count or more) their images [-]
   contains
     procedure :: clear
     procedure :: add
+    procedure :: learn
     procedure :: rest_of
     procedure :: fit
     procedure :: ritz
@@ -42,20 +43,41 @@ contains
     if (.not. allocated(self%v)) allocate (self%basis(n, first), self%v(n, first), self%w(n, first))
   end subroutine clear
 
-  !> Appends a direction.
-  subroutine add(self, asked, v, w)
+  !> Appends a direction of length 1, or what the joints left of it, unless it is hardly a new one.
+  subroutine add(self, v, w)
     class(direction_space), intent(inout) :: self
-    real(wp), intent(in) :: asked(:), v(:), w(:)   !! (n) [-]
+    real(wp), intent(in) :: v(:), w(:)        !! (n) [-]
+    real(wp), parameter :: new = 0.1_wp       ! of a new direction is orthogonal to the others, at least [-]
+    real(wp) :: rest(size(v))                 ! [-]
+    rest = self%rest_of(v)
+    if (norm2(rest) < new) return
     if (self%count == size(self%v, 2)) then
       self%basis = reshape(self%basis, [size(v), 2*self%count], pad=[0.0_wp])
       self%v = reshape(self%v, [size(v), 2*self%count], pad=[0.0_wp])
       self%w = reshape(self%w, [size(v), 2*self%count], pad=[0.0_wp])
     end if
     self%count = self%count + 1
-    self%basis(:, self%count) = asked
+    self%basis(:, self%count) = rest/norm2(rest)
     self%v(:, self%count) = v
     self%w(:, self%count) = w
   end subroutine add
+
+  !> Puts the last difference before all others, of which those are given up that are no longer new beside it.
+  subroutine learn(self, v, w)
+    class(direction_space), intent(inout) :: self
+    real(wp), intent(in) :: v(:), w(:)        !! (n) of any length [-]
+    type(direction_space) :: before
+    real(wp) :: length                        ! [-]
+    integer :: k
+    length = max(norm2(v), tiny(1.0_wp))
+    before%v = self%v(:, :self%count)
+    before%w = self%w(:, :self%count)
+    self%count = 0
+    call self%add(v/length, w/length)
+    do k = 1, size(before%v, 2)
+      call self%add(before%v(:, k), before%w(:, k))
+    end do
+  end subroutine learn
 
   !> The part of a vector that is orthogonal to the directions, to rounding.
   function rest_of(self, x) result(rest)

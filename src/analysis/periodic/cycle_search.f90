@@ -1,6 +1,6 @@
-!> Search of a cycle, a start from which the motion repeats, by Newton's method in a growing space of differences, and Arnoldi's
-!> method for the multipliers about it (theory.md, section 15). One turn a difference; a cycle costs about as many turns as there
-!> are multipliers that a few plain turns do not damp.
+!> Search of a cycle, a start from which the motion repeats, by the differences of the turns made on the way, and Arnoldi's method
+!> for the multipliers about it (theory.md, section 15). A cycle costs about as many turns as there are multipliers that a few plain
+!> turns do not damp.
 module cycle_search
   use kinds, only: wp
   use archive, only: value_archive
@@ -17,11 +17,7 @@ module cycle_search
   implicit none (type, external)
   private
 
-  real(wp), parameter :: inner = 1.0e-3_wp           !! what a step may leave of the change [-]
-  real(wp), parameter :: enough = 0.1_wp             !! the same, of the tolerance [-]
   real(wp), parameter :: most_of_period = 0.2_wp     !! by which a step may change it [-]
-  real(wp), parameter :: new = 0.1_wp                !! of a new direction is orthogonal to those before, at least [-]
-  integer, parameter :: few = 10                     !! plain turns that are cheaper than a space
 
   !> A cycle that is sought, or found.
   type, public :: cycle_state
@@ -95,57 +91,39 @@ contains
                         either(' (multipliers)', ': repeats to '//es_text(self%residual, 1), self%found)//'   ')
   end subroutine make_turn
 
-  !> Newton's method until the motion repeats to the tolerance. While the change falls so fast that few turns are left, steps keep
-  !> the space that they have; at first it is empty, which makes them plain turns. Where a step leads farther away, plain turns
-  !> follow, each time one more.
+  !> Steps until the motion repeats to the tolerance. A step that leads farther away is learned from and made anew; where that does,
+  !> too, plain turns follow, each time one more.
   subroutine find_cycle(self, run, x, period)
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
     real(wp), intent(in) :: x(:)                     !! (ny) the first start [m, rad], [m/s, rad/s], [J]
     real(wp), intent(in) :: period                   !! the first one [s]
     type(direction_space) :: space
-    type(turn_result) :: now, next
-    type(switch_event) :: event                      ! that only one of both has
-    real(wp), allocatable :: r(:)                    ! change in a turn [-]
-    real(wp) :: last                                 ! its size one step before [-]
-    integer :: plain, k
-    logical :: kept, better                          ! the space is; the step leads nearer
+    type(turn_result) :: now
+    real(wp) :: change                               ! in a turn [-]
+    integer :: plain, failed, k
     self%residual = huge(1.0_wp)
     self%found = .false.
     call make_turn(self, run, x, period, now)
     self%turn = now
     call space%clear(size(self%map%compared))
-    last = huge(1.0_wp)
-    plain = 1
+    plain = 0
+    failed = 0
     do while (.not. (self%fail%happened() .or. now%lost))
-      r = self%map%change(now)
-      if (maxval(abs(r)) < self%residual) then
-        self%residual = maxval(abs(r))
-        self%turn = now
-      end if
+      change = maxval(abs(self%map%change(now)))
+      if (change < self%residual) self%turn = now
+      self%residual = min(change, self%residual)
       self%found = self%residual < self%tolerance
       if (self%found .or. self%turns >= self%most_turns) exit
-      kept = norm2(r) < last
-      if (kept) kept = log(self%tolerance/maxval(abs(r)))/log(norm2(r)/last) <= merge(few, space%count + 1, space%count == 0)
-      last = norm2(r)
-      if (.not. kept) call space%clear(size(r))
-      call step(self, run, now, space, space%count > 0 .or. .not. kept, next)
-      if (self%fail%happened()) return
-      event = difference_of(now%events, next%events)
-      if (event%element > 0) self%changed = event
-      better = .not. next%lost
-      if (better) better = norm2(self%map%change(next)) < last
-      if (better) now = next
-      if (better .or. kept) cycle
-      do k = 1, min(plain, self%most_turns - self%turns)   ! on and on, as the machine runs alone
-        call make_turn(self, run, self%map%moved(now%start, self%map%change(now)), now%period, next)
-        if (self%fail%happened()) return
-        if (next%lost) exit
-        now = next
-      end do
-      if (next%lost) exit
+      call step(self, run, space, now, failed)
+      if (failed < 2) cycle
+      call space%clear(size(self%map%compared))
+      failed = 0
       plain = plain + 1
-      last = huge(1.0_wp)
+      do k = 1, min(plain, self%most_turns - self%turns)   ! on and on, as the machine runs alone
+        if (now%lost .or. self%fail%happened()) exit
+        call make_turn(self, run, self%map%moved(now%start, self%map%change(now)), (now%period), now)
+      end do
     end do
     self%period = self%turn%period
     self%turns_to_cycle = self%turns
@@ -182,56 +160,45 @@ contains
     if (.not. next%lost) self%again = maxval(abs(self%map%change(next)))
   end subroutine turn_again
 
-  !> Newton's step from a turn, and the turn there. The space grows until it explains the change but for a small part; what it
-  !> does not explain is left to the turn, which damps it.
-  subroutine step(self, run, now, space, grows, next)
+  !> A step from a turn, and the turn there. It takes the map for linear as the differences of the last turns show it; what these do
+  !> not explain of the change is left to the turn, which damps it: the first step is a plain turn.
+  subroutine step(self, run, space, now, failed)
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
-    type(turn_result), intent(in) :: now
     type(direction_space), intent(inout) :: space
-    logical, intent(in) :: grows                     !! the space may grow
-    type(turn_result), intent(out) :: next
+    type(turn_result), intent(inout) :: now          !! that turn, and the next one, where it repeats better
+    integer, intent(inout) :: failed                 !! steps in a row that did not lead there; twice where the turn was lost
+    type(turn_result) :: next
+    type(switch_event) :: event                      ! that only one of both has
+    real(wp), dimension(size(self%map%compared)) :: r, rest, rates, v   ! [-]
     real(wp), allocatable :: c(:), slope(:)
-    real(wp), dimension(size(self%map%compared)) :: r, rest, v, asked, w   ! [-]
-    real(wp) :: period, second                       ! [s], [-]
+    real(wp) :: longer                               ! change of the period, of it [-]
     r = self%map%change(now)
-    slope = [real(wp) ::]
-    if (self%free_period) slope = self%map%scaled(now%slope)*now%period
-    do
-      call space%fit(r, slope, c, rest)
-      if (.not. grows .or. self%turns >= self%most_turns .or. space%count >= size(r)) exit
-      asked = self%map%tangent(now, rest)
-      if (norm2(asked) <= max(inner*norm2(r), enough*self%tolerance)) exit
-      asked = across(asked)
-      asked = across(self%map%tangent(now, asked/max(norm2(asked), tiny(1.0_wp))))
-      if (norm2(asked) < new) exit                   ! the joints allow no other direction
-      asked = asked/norm2(asked)
-      call one_quotient(self, run, now, asked, .false., v, w, second)
-      if (self%fail%happened()) return
-      call space%add(asked, v, w)
-    end do
-    rest = rest + matmul(space%basis(:, :space%count), c(:space%count))   ! the joints make v of it, as in the quotients
-    period = now%period
-    if (self%free_period) period = period*(1 + max(-most_of_period, min(most_of_period, c(size(c)))))
-    call make_turn(self, run, self%map%moved(now%start, rest), period, next)
-  contains
-    !> What of a direction is across those of the space, and across the slope: the phase stays.
-    function across(x) result(y)
-      real(wp), intent(in) :: x(:)                   !! [-]
-      real(wp) :: y(size(x))                         ! [-]
-      y = space%rest_of(x)
-      if (size(slope) > 0) y = y - slope*dot_product(slope, y)/dot_product(slope, slope)
-    end function across
+    rates = self%map%scaled(now%slope)*now%period
+    slope = pack(rates, self%free_period)
+    call space%fit(r, slope, c, rest)
+    longer = 0.0_wp
+    if (self%free_period) longer = max(-most_of_period, min(most_of_period, c(size(c))))
+    rest = rest + matmul(space%v(:, :space%count), c(:space%count))
+    call make_turn(self, run, self%map%moved(now%start, rest), now%period*(1 + longer), next)
+    if (self%fail%happened()) return
+    event = difference_of(now%events, next%events)
+    if (event%element > 0) self%changed = event
+    failed = failed + merge(2, 1, next%lost)
+    if (next%lost) return
+    v = self%map%scaled(next%start) - self%map%scaled(now%start)
+    call space%learn(v, v + self%map%change(next) - r - rates*longer)
+    if (norm2(self%map%change(next)) >= norm2(r)) return
+    now = next
+    failed = 0
   end subroutine step
 
-  !> A difference quotient along a direction: between a turn and one from a moved start, or between two moved ones. Of a turn whose
-  !> events are others nothing is used.
-  subroutine one_quotient(self, run, base, asked, central, v, w, second)
+  !> A central difference quotient along a direction, between turns from moved starts; that between one of them and the cycle where
+  !> the other has other events.
+  subroutine one_quotient(self, run, asked, v, w, second)
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
-    type(turn_result), intent(in) :: base
     real(wp), intent(in) :: asked(:)                 !! direction, of length 1 [-]
-    logical, intent(in) :: central
     real(wp), intent(out) :: v(:), w(:)              !! direction that was moved along, its image [-]
     real(wp), intent(out) :: second                  !! size of the second difference, over the difference [-]
     type(turn_result) :: side
@@ -240,30 +207,25 @@ contains
     logical :: good(2)
     type(switch_event) :: changed
     integer :: k
-    good = .false.
     do k = 1, 2
-      if (k == 2 .and. good(1) .and. .not. central) exit
       h = (3 - 2*k)*difference
-      call make_turn(self, run, self%map%moved(base%start, h*asked), base%period, side, base%states)
-      if (self%fail%happened()) return
-      good(k) = .not. side%lost
-      if (good(k)) changed = difference_of(base%events, side%events)
-      good(k) = good(k) .and. changed%element == 0
-      from(:, k) = (self%map%scaled(side%start) - self%map%scaled(base%start))/h
-      to(:, k) = (self%map%scaled(side%end) - self%map%scaled(base%end))/h
+      associate (base => self%turn)
+        call make_turn(self, run, self%map%moved(base%start, h*asked), base%period, side, base%states)
+        if (self%fail%happened()) return
+        good(k) = .not. side%lost
+        if (good(k)) changed = difference_of(base%events, side%events)
+        good(k) = good(k) .and. changed%element == 0
+        from(:, k) = (self%map%scaled(side%start) - self%map%scaled(base%start))/h
+        to(:, k) = (self%map%scaled(side%end) - self%map%scaled(base%end))/h
+      end associate
     end do
     second = 0.0_wp
     if (all(good)) second = norm2(to(:, 1) - to(:, 2))
-    if (.not. any(good)) then
-      self%changed = changed
-      self%grazes = self%found
-    end if
-    h = merge(0.5_wp, 1.0_wp, all(good))
-    k = merge(2, 1, good(2))                         ! that of the first turn, where neither is good
-    v = h*from(:, k)
-    w = h*to(:, k)
-    if (all(good)) v = v + h*from(:, 1)
-    if (all(good)) w = w + h*to(:, 1)
+    self%grazes = self%grazes .or. .not. any(good)
+    if (.not. any(good)) self%changed = changed
+    if (.not. any(good)) good(1) = .true.
+    v = matmul(from, merge(1.0_wp, 0.0_wp, good))/count(good)
+    w = matmul(to, merge(1.0_wp, 0.0_wp, good))/count(good)
   end subroutine one_quotient
 
   !> The first event that only one of two turns has, element by element; element 0: none.
@@ -313,12 +275,12 @@ contains
     asked = self%map%tangent(self%turn, [(cos(real(k, wp)**2), k=1, size(v))])   ! which excites all
     do while (norm2(asked) > negligible*rounding)
       asked = asked/norm2(asked)
-      call one_quotient(self, run, self%turn, asked, .true., v, w, second)
+      call one_quotient(self, run, asked, v, w, second)
       if (self%fail%happened()) return
-      asked = self%space%rest_of(v)
-      if (norm2(asked) < new) exit                   ! the joints allow no other direction
+      k = self%space%count
+      call self%space%add(v, w)
+      if (self%space%count == k) exit                ! the joints allow no other direction
       seconds = max(seconds, second)
-      call self%space%add(asked/norm2(asked), v, w)
       call self%space%ritz(self%pairs)
       self%wanted = min(self%space%count, number + merge(1, 0, self%free_period))
       associate (p => self%pairs, n => self%wanted)
