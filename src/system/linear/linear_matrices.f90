@@ -1,7 +1,7 @@
 !> The matrices of the linearised mechanism (see `linearisation` for the equations and unknowns).
 module linear_matrices
-  use, intrinsic :: iso_fortran_env, only: int64
   use mechanism, only: mechanism_model
+  use sorting, only: ascending
   use triplets, only: triplet_matrix
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
@@ -63,35 +63,25 @@ contains
     end do
   end subroutine count_segments
 
-  !> Numbers the laws of some segments: segments with the same terms have the same number. Equal terms are found by a hash of their
-  !> values.
+  !> Numbers the laws of some segments: segments with the same terms have the same number. They are found side by side in the order
+  !> of a sum of their values.
   subroutine number_laws(segments, counts, number)
     type(linear_segment), intent(in) :: segments(:)
     logical, intent(in) :: counts(:)                  !! (segments)
     integer, allocatable, intent(out) :: number(:)    !! (segments) 0: does not count
-    integer :: starts(size(segments)), bucket(size(segments)), other(size(segments))
-    integer :: k, g, n, b
+    integer :: order(size(segments)), k, n, last
+    logical :: new
     allocate (number(size(segments)), source=0)
-    bucket = 0
+    order = ascending([(sum(segments(k)%law%alpha) + sum(segments(k)%law%viscosity), k=1, size(segments))])
     n = 0
-    do k = 1, size(number)
-      if (.not. counts(k)) cycle
-      associate (law => segments(k)%law)
-        b = 1 + int(modulo(transfer(sum(law%alpha) + sum(law%viscosity) + sum(law%inertia), 1_int64), size(bucket, kind=int64)))
-        g = bucket(b)
-        do while (g > 0)
-          if (segments(starts(g))%law%equals(law)) exit
-          g = other(g)
-        end do
-      end associate
-      if (g == 0) then
-        n = n + 1
-        g = n
-        starts(g) = k
-        other(g) = bucket(b)
-        bucket(b) = g
-      end if
-      number(k) = g
+    last = 0
+    do k = 1, size(order)
+      if (.not. counts(order(k))) cycle
+      new = last == 0
+      if (.not. new) new = .not. segments(last)%law%equals(segments(order(k))%law)
+      if (new) n = n + 1
+      last = order(k)
+      number(last) = n
     end do
   end subroutine number_laws
 end module linear_matrices

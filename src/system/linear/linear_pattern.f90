@@ -1,7 +1,6 @@
 !> The matrices of the linearised mechanism on one sparse pattern: the union of their patterns with the joints' rows, entries
 !> summed on it, and the stiffness of viscoelastic segments with the same terms summed to one group.
 module linear_pattern
-  use sorting, only: sort_by_number
   use kinds, only: wp
   use linear_matrices, only: linear_mechanism, number_laws
   use sparse_pattern, only: symmetric_pattern
@@ -85,59 +84,27 @@ contains
     class(symmetric_pattern), intent(in) :: self
     type(linear_mechanism), intent(in) :: lin
     type(ghm_group), allocatable, intent(out) :: groups(:)
-    integer, allocatable :: number(:), entry(:), owner(:), first(:), sorted(:), filled(:)
-    real(wp), allocatable :: value(:)       ! [N/m ...]
-    integer :: j, i, n
-    call number_laws(lin%segments, [(.true., j=1, size(lin%segments))], number)
-    n = 0
-    do j = 1, size(number)
-      n = n + lin%segments(j)%stiffness%count
-    end do
-    allocate (entry(n), owner(n), value(n), groups(maxval([0, number])))
-    filled = [(0, j=1, size(groups))]
-    n = 0
-    do j = 1, size(number)
-      associate (a => lin%segments(j)%stiffness)
-        value(n + 1:n + a%count) = a%values(1:a%count)
-        owner(n + 1:n + a%count) = number(j)
-        do i = 1, a%count
-          entry(n + i) = self%entry(a%rows(i), a%cols(i))
-        end do
-        n = n + a%count
-      end associate
-      groups(number(j))%law = lin%segments(j)%law
-      filled(number(j)) = filled(number(j)) + lin%segments(j)%stiffness%count
-    end do
-    do j = 1, size(groups)
-      allocate (groups(j)%entry(filled(j)), groups(j)%value(filled(j)), groups(j)%rounded_off(filled(j)))
-    end do
-    filled = 0
-    call sort_by_number(entry, size(self%row), first, sorted)
-    do i = 1, n
-      call put(entry(sorted(i)), value(sorted(i)), filled(owner(sorted(i))), groups(owner(sorted(i))))
-    end do
-    do j = 1, size(groups)
-      groups(j)%entry = groups(j)%entry(1:filled(j))
-      groups(j)%value = groups(j)%value(1:filled(j))
-      groups(j)%rounded_off = groups(j)%rounded_off(1:filled(j))
+    integer, allocatable :: number(:)
+    integer :: entry(size(self%row)), g, j, n
+    real(wp), dimension(size(self%row)) :: value, rest   ! [N/m ...]
+    call number_laws(lin%segments, spread(.true., 1, size(lin%segments)), number)
+    allocate (groups(maxval([0, number])))
+    do g = 1, size(groups)
+      value = 0.0_wp
+      rest = 0.0_wp
+      do j = 1, size(number)
+        if (number(j) == g) call gather(self, lin%segments(j)%stiffness, value, rest)
+      end do
+      groups(g)%law = lin%segments(findloc(number, g, 1))%law
+      n = 0
+      do j = 1, size(value)
+        if (.not. abs(value(j)) + abs(rest(j)) > 0.0_wp) cycle
+        n = n + 1
+        entry(n) = j
+      end do
+      groups(g)%entry = entry(:n)
+      groups(g)%value = value(entry(:n))
+      groups(g)%rounded_off = rest(entry(:n))
     end do
   end subroutine make_groups
-
-  !> Adds to the last entry of a group, or appends it.
-  pure subroutine put(entry, value, filled, group)
-    integer, intent(in) :: entry            !! of the pattern, not before the last one
-    real(wp), intent(in) :: value           !! [N/m ...]
-    integer, intent(inout) :: filled        !! entries of the group
-    type(ghm_group), intent(inout) :: group
-    logical :: new
-    new = filled == 0
-    if (.not. new) new = group%entry(filled) /= entry
-    if (new) then
-      filled = filled + 1
-      group%entry(filled) = entry
-      group%value(filled) = 0.0_wp
-      group%rounded_off(filled) = 0.0_wp
-    end if
-    call add(value, group%value(filled), group%rounded_off(filled))
-  end subroutine put
 end module linear_pattern
