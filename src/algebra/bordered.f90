@@ -4,22 +4,37 @@
 !> linear in the size of the blocks and, for chains of blocks, in their number.
 !>
 !> A block may be singular where the whole matrix is not (a clamped body at one of its own frequencies). A pivot that
-!> almost vanishes is therefore replaced, U_kk + delta, and what that changes goes into the border as one more unknown,
-!> mu = x_k: A x = (A + delta P^T L e_k e_k^T) x - delta P^T L e_k mu. The solution stays exact.
+!> almost vanishes is replaced by a small one: whoever solves corrects the solution by its residual.
 module bordered
   use kinds, only: wp
   use band_inertia, only: negative_eigenvalues
-  use border_block, only: block_part, condense, equilibrate, no_pivot, slots
   use lapack, only: zgbtrf, zgbtrs
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
   private
   public :: bordered_system
 
+  real(wp), parameter :: no_pivot = 1.0e-75_wp        !! pivot of a singular matrix: above it solutions stay finite [-]
+  real(wp), parameter :: weak_pivot = epsilon(1.0_wp)**0.75_wp   !! least pivot of a block: a quarter of the digits stays [-]
+
+  !> One block.
+  type :: block_part
+    integer :: n = 0                                  !! unknowns
+    integer :: kd = 0                                 !! half band width
+    integer, allocatable :: unknown(:)                !! (n) original indices in band order
+    integer, allocatable :: border(:)                 !! (nb) border unknowns that it couples to
+    complex(wp), allocatable :: ab(:, :)              !! (3 kd + 1, n) band matrix, then its factor [any]
+    complex(wp), allocatable :: right(:, :)           !! (n, nb) coupling to the border, then A^-1 times it [any]
+    complex(wp), allocatable :: left(:, :)            !! (n, nb) transposed coupling of the border's rows to the block [any]
+    integer, allocatable :: pivots(:)                 !! (n)
+    real(wp), allocatable :: row_scale(:), col_scale(:)   !! (n) of A; right and left are scaled with it [1/any]
+    complex(wp), allocatable :: y(:, :)               !! (n, 1) work of a solve [any]
+  end type block_part
+
   !> The system.
   type :: bordered_system
     integer :: n = 0                                  !! unknowns
-    integer :: nb = 0                                 !! border unknowns, slots included
+    integer :: nb = 0                                 !! border unknowns
     integer :: kd = 0                                 !! half band width of the border
     type(block_part), allocatable :: blocks(:)
     integer, allocatable :: block_of(:)               !! (n) block of each unknown, 0: border
@@ -96,19 +111,17 @@ contains
     class(bordered_system), intent(inout) :: self
     integer, intent(in) :: rows(:), cols(:)
     integer, allocatable :: members(:), local(:), order(:), starts(:), position(:), r(:), c(:), mark(:)
-    integer :: k, e, b, i, j, n, m
+    integer :: k, e, b, i, j, n
     members = pack([(k, k=1, self%n)], self%block_of == 0)
     allocate (local(self%n), source=0)
     local(members) = [(k, k=1, size(members))]
-    self%nb = size(members) + slots*size(self%blocks)
+    self%nb = size(members)
     allocate (mark(self%nb))
     do b = 1, size(self%blocks)
       mark = 0
       do e = 1, size(rows)
         if (self%block_of(rows(e)) == b .and. local(cols(e)) > 0) mark(local(cols(e))) = 1
       end do
-      m = size(members) + slots*(b - 1)
-      mark(m + 1:m + slots) = 1
       self%blocks(b)%border = pack([(k, k=1, self%nb)], mark == 1)
     end do
     n = count(local(rows) > 0 .and. local(cols) > 0)
@@ -185,7 +198,7 @@ contains
     class(bordered_system), intent(inout) :: self
     complex(wp), intent(in) :: values(:)              !! (entries) [any]
     integer, intent(out), optional :: negative        !! number of negative eigenvalues
-    integer :: b, e, k, info
+    integer :: b, e
     do b = 1, size(self%blocks)
       self%blocks(b)%ab = 0.0_wp
       self%blocks(b)%right = 0.0_wp
@@ -210,10 +223,7 @@ contains
     end do
     call equilibrate(self%nb, self%kd, self%ab, self%row_scale, self%col_scale)
     if (present(negative)) negative = negative + negative_eigenvalues(self%nb, self%kd, self%ab)
-    call zgbtrf(self%nb, self%nb, self%kd, self%kd, self%ab, 3*self%kd + 1, self%pivots, info)
-    do k = 1, self%nb                                 ! a singular matrix is replaced by the nearest regular one
-      if (abs(self%ab(2*self%kd + 1, k)) <= no_pivot) self%ab(2*self%kd + 1, k) = epsilon(1.0_wp)
-    end do
+    call factor_band(self%nb, self%kd, no_pivot, self%ab, self%pivots)
   end subroutine factor
 
   !> Solves in place with the last factor, or with its transpose.
@@ -265,6 +275,89 @@ contains
       end associate
     end do
   end subroutine solve
+
+  !> Factors one block and subtracts its Schur complement from the border.
+  subroutine condense(p, kd, ab, negative)
+    type(block_part), intent(inout) :: p
+    integer, intent(in) :: kd                         !! half band width of the border
+    complex(wp), intent(inout) :: ab(:, :)            !! (3 kd + 1, nb) the border [any]
+    integer, intent(inout), optional :: negative      !! negative eigenvalues, to which those of the block are added
+    complex(wp) :: s
+    integer :: info, m, i, j, first, last
+    m = size(p%border)
+    if (p%n == 0) return
+    call equilibrate(p%n, p%kd, p%ab, p%row_scale, p%col_scale)
+    do j = 1, m
+      p%right(:, j) = p%right(:, j)*p%row_scale
+      p%left(:, j) = p%left(:, j)*p%col_scale
+    end do
+    if (present(negative)) negative = negative + negative_eigenvalues(p%n, p%kd, p%ab)
+    call factor_band(p%n, p%kd, weak_pivot, p%ab, p%pivots)
+    call zgbtrs('N', p%n, p%kd, p%kd, m, p%ab, 3*p%kd + 1, p%pivots, p%right, p%n, info)
+    do i = 1, m                                       ! a row of a joint has few entries
+      first = findloc(abs(p%left(:, i)%re) + abs(p%left(:, i)%im) > 0.0_wp, .true., 1)
+      last = findloc(abs(p%left(:, i)%re) + abs(p%left(:, i)%im) > 0.0_wp, .true., 1, back=.true.)
+      do j = 1, merge(m, 0, first > 0)
+        s = sum(p%left(first:last, i)*p%right(first:last, j))
+        associate (r => p%border(i), c => p%border(j))
+          ab(2*kd + 1 + r - c, c) = ab(2*kd + 1 + r - c, c) - s
+        end associate
+      end do
+    end do
+  end subroutine condense
+
+  !> LU factor of an equilibrated band matrix. Pivots that vanish become rounding, or the least one where that is larger.
+  subroutine factor_band(n, kd, least, ab, pivots)
+    integer, intent(in) :: n, kd                      !! order, half band width
+    real(wp), intent(in) :: least                     !! [-]
+    complex(wp), intent(inout) :: ab(3*kd + 1, n)     !! matrix, then its factor [-]
+    integer, intent(out) :: pivots(n)
+    integer :: k, info
+    call zgbtrf(n, n, kd, kd, ab, 3*kd + 1, pivots, info)
+    do k = 1, n
+      if (abs(ab(2*kd + 1, k)) <= least) ab(2*kd + 1, k) = max(least, epsilon(1.0_wp))
+    end do
+  end subroutine factor_band
+
+  !> Scales rows, then columns of a band matrix to size one, by powers of two: forces, moments and lengths stand side by side in it.
+  subroutine equilibrate(n, kd, ab, row_scale, col_scale)
+    integer, intent(in) :: n, kd                      !! order, half band width
+    complex(wp), intent(inout) :: ab(3*kd + 1, n)     !! band matrix [any]
+    real(wp), intent(out) :: row_scale(n), col_scale(n)   !! [1/any]
+    integer :: d, j                                   ! by diagonals i - j = d, since a column is short
+    row_scale = 0.0_wp
+    do d = -kd, kd
+      do j = max(1, 1 - d), min(n, n - d)
+        row_scale(j + d) = max(row_scale(j + d), magnitude(ab(2*kd + 1 + d, j)))
+      end do
+    end do
+    row_scale = scale_of(row_scale)
+    col_scale = 0.0_wp
+    do d = -kd, kd
+      do j = max(1, 1 - d), min(n, n - d)
+        col_scale(j) = max(col_scale(j), magnitude(ab(2*kd + 1 + d, j))*row_scale(j + d))
+      end do
+    end do
+    col_scale = scale_of(col_scale)
+    do d = -kd, kd
+      do j = max(1, 1 - d), min(n, n - d)
+        ab(2*kd + 1 + d, j) = ab(2*kd + 1 + d, j)*(row_scale(j + d)*col_scale(j))
+      end do
+    end do
+  end subroutine equilibrate
+
+  !> Size of a complex number without a square root.
+  elemental real(wp) function magnitude(z)
+    complex(wp), intent(in) :: z   !! [any]
+    magnitude = abs(real(z)) + abs(aimag(z))
+  end function magnitude
+
+  !> The power of two that brings a size to one; 1 for a row or column of zeros.
+  elemental real(wp) function scale_of(largest)
+    real(wp), intent(in) :: largest   !! [any]
+    scale_of = 1.0_wp
+    if (largest >= tiny(1.0_wp)) scale_of = scale(1.0_wp, -exponent(largest))
+  end function scale_of
 
   !> Bytes that the matrices keep.
   pure function memory(self) result(bytes)
