@@ -8,6 +8,7 @@ module closed_loops
   use dynamic_stiffness, only: stiffness_system
   use evaluation_results, only: conditions_of, evaluation
   use force_element, only: stage_static
+  use frame_axes, only: add_force
   use lapack, only: dgeev
   use linearisation, only: marker_jacobian, rate_jacobian
   use loads, only: load_model
@@ -59,7 +60,7 @@ contains
       select type (f => m%s%forces(k)%item)
       class is (load_model)
         if (f%controller == 0 .or. f%stage == stage_static) cycle
-        call add_force(f%ia, f%unit_wrench(ev%p, conditions_of(m, ev, k)), self%b(:, f%controller))
+        call add_force(m, ev, f%ia, f%unit_wrench(ev%p, conditions_of(m, ev, k)), self%b(:, f%controller))
       end select
     end do
   contains
@@ -75,17 +76,6 @@ contains
       place(cols) = place(cols) + matmul(by_place, jac) + matmul(by_rate, rate_jacobian(m, ev, marker, v, jac))
       rate(cols) = rate(cols) + matmul(by_rate, jac)
     end subroutine add_motion
-
-    !> Adds the generalised forces of a wrench.
-    subroutine add_force(marker, w, b)
-      integer, intent(in) :: marker
-      real(wp), intent(in) :: w(3)                     !! [N, N m]
-      real(wp), intent(inout) :: b(:)                  !! (nq) [N, N m]
-      integer, allocatable :: cols(:)
-      real(wp), allocatable :: jac(:, :)
-      call marker_jacobian(m, ev, marker, cols, jac)
-      b(cols) = b(cols) + matmul(w, jac)
-    end subroutine add_force
   end subroutine build
 
   !> Motions by unit outputs at the s that is factored, and G: what each controller senses of them.

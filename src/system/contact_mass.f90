@@ -3,6 +3,7 @@ module contact_mass
   use kinds, only: wp, pi
   use evaluation_results, only: evaluation, conditions_of
   use force_element, only: conditions
+  use frame_axes, only: add_force
   use mass_solve, only: solve_mass
   use mechanism, only: mechanism_model
   use stops, only: stop_contact, stop_model
@@ -29,25 +30,13 @@ contains
     select type (stop => m%s%forces(k)%item)
     class is (stop_model)
       call stop%contact(ev%p, conditions_of(m, ev, k), c)
-      call add(stop%ia, c%g(1:3))
-      call add(stop%ib, c%g(4:6))
+      call add_force(m, ev, stop%ia, c%g(1:3), f)
+      call add_force(m, ev, stop%ib, c%g(4:6), f)
     end select
     call solve_mass(m, ev, .false., f, u)
     alone = dot_product(f, u)
     call solve_mass(m, ev, .true., f, u)
     if (dot_product(f, u) > no_motion*alone) mass = 1/dot_product(f, u)
-  contains
-    !> Adds a unit wrench of a marker, given in global axes.
-    subroutine add(marker, w)
-      integer, intent(in) :: marker
-      real(wp), intent(in) :: w(3)             !! [-], [m]
-      integer :: b, i
-      b = m%s%markers(marker)%body
-      if (b == 0) return
-      i = m%s%qo(b)
-      call m%s%markers(marker)%add_wrench(ev%p%rho(:, marker), [ev%frame%to_body(b, w(1:2)), w(3)], f(i + 1:i + 3), &
-                                          f(i + 4:i + 3 + m%s%bodies(b)%nf))
-    end subroutine add
   end function mass_at
 
   !> Names of the drives that react to the force of a stop, in quotes, after `mass_at` found that it moves nothing; empty: none.

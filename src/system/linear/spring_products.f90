@@ -4,6 +4,7 @@ module spring_products
   use kinds, only: wp
   use constraint, only: marker_stiffness
   use evaluation_results, only: conditions_of, evaluation
+  use frame_axes, only: add_force, displacement_at
   use measure, only: measured
   use mechanism, only: mechanism_model
   implicit none (type, external)
@@ -20,13 +21,9 @@ contains
     integer, intent(in) :: k                   !! spring
     real(wp), intent(in) :: ends(2)            !! factors of its ends, negative: its present direction [-]
     real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad]
-    real(wp) :: a(3), b(3)
-    call end_displacements(m, ev, k, x, a, b)
-    if (all(ends >= 0.0_wp)) then
-      square = ends(1)*sum(a(1:2)**2) + ends(2)*sum(b(1:2)**2)
-    else
-      square = sum(stretch(m, ev, k, a - b)**2)
-    end if
+    real(wp) :: u(6), w(6)
+    call pull(m, ev, k, ends, x, u, w)
+    square = dot_product(u, w)
   end function spring_square
 
   !> Adds the forces of a spring of the given stiffness, or of the bound of it that holds for all directions.
@@ -38,19 +35,39 @@ contains
     real(wp), intent(in) :: ends(2)            !! factors of its ends, negative: its present direction [-]
     real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad]
     real(wp), intent(inout) :: y(:)            !! (n) forces [N], [N m]
-    real(wp) :: a(3), b(3)
+    real(wp) :: u(6), w(6)
     if (.not. abs(stiffness) > 0.0_wp) return
-    call end_displacements(m, ev, k, x, a, b)
-    if (all(ends >= 0.0_wp)) then
-      a = [ends(1)*a(1:2), 0.0_wp]
-      b = [-ends(2)*b(1:2), 0.0_wp]
-    else
-      a = stretch(m, ev, k, a - b)
-      b = a
-    end if
-    if (any(abs(a) > 0.0_wp)) call add_force(m, ev, m%s%forces(k)%item%ia, stiffness*a, y)
-    if (any(abs(b) > 0.0_wp)) call add_force(m, ev, m%s%forces(k)%item%ib, -stiffness*b, y)
+    call pull(m, ev, k, ends, x, u, w)
+    if (.not. any(abs(w) > 0.0_wp)) return
+    call add_force(m, ev, m%s%forces(k)%item%ia, stiffness*w(1:3), y)
+    call add_force(m, ev, m%s%forces(k)%item%ib, stiffness*w(4:6), y)
   end subroutine spring_pull
+
+  !> Displacements and turns of a spring's ends, global axes, and the forces of unit stiffness against them: along the spring; of a
+  !> bush in any direction; of a torsional one against the turn; with factors of the ends by each end for itself.
+  pure subroutine pull(m, ev, k, ends, x, u, w)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: k                   !! spring
+    real(wp), intent(in) :: ends(2)            !! as in `spring_pull` [-]
+    real(wp), intent(in) :: x(:)               !! (n) displacements [m], [rad]
+    real(wp), intent(out) :: u(6), w(6)        !! of a, then of b [m], [m], [rad]
+    type(measured) :: now
+    real(wp) :: d(3)
+    associate (f => m%s%forces(k)%item)
+      u = [displacement_at(m, ev, f%ia, x), displacement_at(m, ev, f%ib, x)]
+      d = u(1:3) - u(4:6)
+      if (all(ends >= 0.0_wp)) then
+        w = [ends(1)*u(1:2), 0.0_wp, ends(2)*u(4:5), 0.0_wp]
+      else if (f%in_all_directions()) then
+        w = [d(1:2), 0.0_wp, -d(1:2), 0.0_wp]
+      else
+        now = f%deformation(ev%p)
+        d = dot_product(now%g(1:3), d)*now%g(1:3)
+        w = [d, -d]
+      end if
+    end associate
+  end subroutine pull
 
   !> Adds the forces with which an element that follows a motion answers small ones and their rates.
   pure subroutine argument_pull(m, ev, k, j, x, stiffness, damping)
@@ -64,7 +81,7 @@ contains
     real(wp) :: u(6), w(6)
     associate (f => m%s%forces(k)%item)
       call f%argument_tangent(ev%p, conditions_of(m, ev, k, j), j, t)
-      u = [marker_displacement(m, ev, f%arguments(j)%item%ia, x), marker_displacement(m, ev, f%arguments(j)%item%ib, x)]
+      u = [displacement_at(m, ev, f%arguments(j)%item%ia, x), displacement_at(m, ev, f%arguments(j)%item%ib, x)]
       w = matmul(t%k, u)
       call add_force(m, ev, f%ia, w(1:3), stiffness)
       w = matmul(t%c, u)
@@ -91,65 +108,4 @@ contains
       call add_force(m, ev, by%ib, by_place(4:6), sees)
     end associate
   end subroutine argument_motions
-
-  !> Displacements and turns of a spring's ends, global axes.
-  pure subroutine end_displacements(m, ev, k, x, a, b)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: k                   !! spring
-    real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
-    real(wp), intent(out) :: a(3), b(3)        !! [m], [m], [rad]
-    a = marker_displacement(m, ev, m%s%forces(k)%item%ia, x)
-    b = marker_displacement(m, ev, m%s%forces(k)%item%ib, x)
-  end subroutine end_displacements
-
-  !> The part of the ends' relative motion that deforms a spring: along it; of a bush in any direction; of a torsional one the turn.
-  pure function stretch(m, ev, k, d) result(s)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: k                   !! spring
-    real(wp), intent(in) :: d(3)               !! of a relative to b [m], [m], [rad]
-    type(measured) :: now
-    real(wp) :: s(3)
-    associate (f => m%s%forces(k)%item)
-      if (f%in_all_directions()) then
-        s = [d(1:2), 0.0_wp]
-      else
-        now = f%deformation(ev%p)
-        s = dot_product(now%g(1:3), d)*now%g(1:3)
-      end if
-    end associate
-  end function stretch
-
-  !> Displacement of a marker, global, and turn of its section, from the unknowns.
-  pure function marker_displacement(m, ev, k, x) result(d)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: k                   !! marker
-    real(wp), intent(in) :: x(:)               !! (n) [m], [rad]
-    real(wp) :: d(3), u(3)                     !! [m], [m], [rad]
-    integer :: b, i
-    d = 0.0_wp
-    b = m%s%markers(k)%body
-    if (b == 0) return
-    i = m%s%qo(b)
-    u = m%s%markers(k)%displacement(ev%p%rho(:, k), x(i + 1:i + 3), x(i + 4:i + 3 + m%s%bodies(b)%nf))
-    d = [ev%frame%to_global(b, u(1:2)), u(3)]
-  end function marker_displacement
-
-  !> Adds a wrench (global force, moment) on a marker as generalised forces.
-  pure subroutine add_force(m, ev, k, f, y)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    integer, intent(in) :: k                   !! marker
-    real(wp), intent(in) :: f(3)               !! [N], [N m]
-    real(wp), intent(inout) :: y(:)            !! (n) [N], [N m]
-    real(wp) :: w(3)
-    integer :: b, i
-    b = m%s%markers(k)%body
-    if (b == 0) return
-    i = m%s%qo(b)
-    w = [ev%frame%to_body(b, f(1:2)), f(3)]
-    call m%s%markers(k)%add_wrench(ev%p%rho(:, k), w, y(i + 1:i + 3), y(i + 4:i + 3 + m%s%bodies(b)%nf))
-  end subroutine add_force
 end module spring_products
