@@ -11,7 +11,7 @@ module projection
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: project, violations, open_constraints
+  public :: project, violations
 
   integer, parameter :: most_passes = 30             !! corrections before giving up
   real(wp), parameter :: position_goal = 2.0e-15_wp  !! |Phi| wanted, relative to the scene's size [-]
@@ -19,7 +19,6 @@ module projection
   real(wp), parameter, public :: closed = 1.0e-12_wp   !! |Phi| of a closed mechanism, relative to the scene's size [-]
   real(wp), parameter :: angle_rounding = 16*epsilon(1.0_wp)   !! likewise, for each radian of a body's angle [-]
   real(wp), parameter :: nearly = 1.0e-4_wp          !! |Phi| from which weak pivots are tried at a nearly singular position [-]
-  real(wp), parameter :: hopeless = 1.0e6_wp         !! |Phi| from which no correction is tried [-]
 
 contains
 
@@ -149,30 +148,4 @@ contains
     position = largest(self%s%rows, ev%rows%phi)
     velocity = largest(self%s%rows, ev%schur%r)
   end subroutine violations
-
-  !> Names of the constraints that are open at the last evaluated positions, the worst first, and the largest gap [m].
-  subroutine open_constraints(self, ev, names, worst)
-    type(mechanism_model), intent(in) :: self
-    type(evaluation), intent(in) :: ev
-    character(:), allocatable, intent(out) :: names
-    real(wp), intent(out) :: worst   !! largest gap [m]
-    real(wp) :: gap(size(self%s%constraints))
-    integer :: k, n
-    do k = 1, size(gap)
-      associate (c => self%s%constraints(k)%item)
-        gap(k) = maxval(abs(ev%rows%phi(c%first:c%first + c%rows - 1)))
-      end associate
-    end do
-    worst = maxval(gap)
-    names = ''
-    do n = 1, min(6, size(gap))
-      k = maxloc(gap, 1)
-      if (n > 1 .and. gap(k) < 1.0e-3_wp*worst) exit
-      if (n == 2) names = names//', then'
-      names = names//' "'//trim(self%s%constraints(k)%item%name)//'"'
-      if (n == 1) names = names//' opens most'
-      gap(k) = -1.0_wp
-    end do
-    names = trim(adjustl(names))
-  end subroutine open_constraints
 end module projection

@@ -12,14 +12,13 @@ module time_stepper
   use summary_text, only: summary_record
   implicit none (type, external)
   private
-  public :: step_end, exchange_common, loss_of_accuracy
+  public :: step_end, exchange_common
 
   !> How a call of `advance` ended: at the output time, before it, or with the solution lost.
   integer, parameter, public :: reached = 1, paused = 2, diverged = 3
   !> Why the solution was lost.
   integer, parameter, public :: trouble_none = 0, trouble_size = 1, trouble_manifold = 2, trouble_accuracy = 3, &
-                                trouble_iteration = 4, trouble_shape = 5, trouble_rounding = 6, trouble_events = 7, &
-                                trouble_system = 8
+                                trouble_iteration = 4, trouble_shape = 5, trouble_events = 6, trouble_system = 7
 
   !> Steps as the deck specifies them.
   type, public :: step_settings
@@ -247,15 +246,6 @@ contains
     if (at_stop) h = stops(next) - t
     ends = merge(stops(next), t + h, at_stop)
   end subroutine step_end
-
-  !> Why the error of a very small step is still too large. It is rounding, if it is below half the digits and a step eight times as
-  !> long has an error less than 8**3 times as large: the error of a method would grow faster.
-  pure integer function loss_of_accuracy(tolerance, error, larger) result(trouble)
-    real(wp), intent(in) :: tolerance         !! [-]
-    real(wp), intent(in) :: error, larger     !! of the step and of the larger one, over the tolerance [-]
-    trouble = trouble_accuracy
-    if (error*tolerance < sqrt(epsilon(1.0_wp)) .and. larger < 8**3*error) trouble = trouble_rounding
-  end function loss_of_accuracy
 
   !> Work of solving for steps, in explicit evaluations.
   pure real(wp) function no_implicit_work(self) result(work)

@@ -71,11 +71,10 @@ WOUND = """&body name='b' mass=0.07 inertia=0.01 angular_velocity=1e-9 /
 
 
 def test_a_step_that_rounding_makes_too_small(run_deck):
-    """Moments of 5.6e5 N m cancel on a body that hardly moves: nothing is singular there."""
+    """Moments of 5.6e5 N m cancel on a body that hardly moves."""
     _, told = failed(run_deck, WOUND)
     assert "the step became too small" in told
-    assert "rounding sets the estimated error there" in told
-    assert "singular" not in told
+    assert "rounding sets the estimated error, where large values cancel" in told
 
 
 def test_a_step_that_becomes_too_small(run_deck):

@@ -4,11 +4,10 @@ module march_failure
   use error_groups, only: fastest_growth, out_of_shape
   use errors, only: failure, status_failed
   use assembly_conflict, only: deck_line_of
-  use assembly_reports, only: too_uneven, weakest_constraint, weakest_text
+  use assembly_reports, only: too_uneven, weakest_constraint, weakest_text, widest_gap
   use contact_mass, only: drives_against, mass_at
   use evaluation_results, only: evaluation
   use motion_watch, only: switch_watch
-  use projection, only: open_constraints
   use root_watch, only: most_roots
   use scene_run, only: run_state
   use slipping, only: painleve_ratio
@@ -16,7 +15,7 @@ module march_failure
   use switching, only: element_name, too_soft
   use text, only: fixed_text, short_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape, &
-                          trouble_rounding, trouble_events, trouble_system
+                          trouble_events, trouble_system
   implicit none (type, external)
   private
   public :: explain_loss, explain_balance, explain_shape, explain_drift
@@ -40,9 +39,8 @@ contains
     class(stepper), intent(in) :: march
     real(wp), intent(in) :: last               !! time of the last row [s]
     type(failure), intent(inout) :: fail
-    character(:), allocatable :: text, names
+    character(:), allocatable :: text
     real(wp), allocatable :: ratios(:)
-    real(wp) :: gap
     integer :: b, trouble
     b = 0
     if (march%trouble == trouble_shape) b = out_of_shape(norm, size(run%sys%m%s%bodies))
@@ -63,25 +61,20 @@ contains
     case (trouble_masses)
       text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//weakest_text(run%sys%m, run%sys%ev)
     case (trouble_manifold)
-      call open_constraints(run%sys%m, run%sys%ev, names, gap)
-      text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//names//' (by '//number(gap)// &
-             ' m at t = '//number(march%tried)//' s)'//beyond_reach// &
+      text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//widest_gap(run%sys%m, run%sys%ev)// &
+             ' at t = '//number(march%tried)//' s'//beyond_reach// &
              advice('or the step is too large: check the drive, or try a smaller step', &
                     'check the drive and the geometry', run)
-    case (trouble_accuracy, trouble_rounding)
+    case (trouble_accuracy)
       text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
              growing_body(run, norm, march%trial)//largest_reactions(run)
       if (run%stable_step < shortest_step*run%d%transient%t_end) then
         text = text//'; light masses or stiff springs ask for steps below '//number(run%stable_step)//' s, whose motion '// &
                'rounding shakes: check them, or use radau'
-      else if (march%trouble == trouble_rounding) then
-        text = text//'; rounding sets the estimated error there, not the step: '
-        if (run%sys%m%s%rows > 0) text = text//'the motion may be singular there, or '
-        text = text//'large values cancel (springs wound or stretched far, places far from the origin): check them, or try a '// &
-               'larger tolerance'
       else
-        text = text//'; the motion may be singular there: check loads, drives and near-singular positions, or try a larger '// &
-               'tolerance'
+        text = text//'; the motion may be singular there, or rounding sets the estimated error, where large values cancel '// &
+               '(springs wound or stretched far, places far from the origin): check loads, drives and positions, or try a '// &
+               'larger tolerance'
       end if
     case (trouble_iteration)
       text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//growing_body(run, norm, march%trial)
@@ -187,11 +180,9 @@ contains
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     type(failure), intent(inout) :: fail
-    character(:), allocatable :: names
-    real(wp) :: gap
-    call open_constraints(run%sys%m, run%sys%ev, names, gap)
-    call fail%raise(status_failed, 'the joints have drifted apart by t = '//number(t)//' s: '//names//' (by '//number(gap)// &
-                    ' m), more than a hundredth of the scene''s size; a drive may demand the impossible there; try '// &
+    call fail%raise(status_failed, 'the joints have drifted apart by t = '//number(t)//' s: '// &
+                    widest_gap(run%sys%m, run%sys%ev)//', more than a hundredth of the scene''s size; a drive may demand '// &
+                    'the impossible there; try '// &
                     'stabilization=''projection'', or a smaller step or tolerance. '//complete_until(last))
   end subroutine explain_drift
 

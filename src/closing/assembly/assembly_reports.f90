@@ -6,7 +6,7 @@ module assembly_reports
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: assembly_report, add_warning, gap_text, open_joints, weakest_constraint, weakest_text
+  public :: assembly_report, add_warning, gap_text, open_joints, widest_gap, weakest_constraint, weakest_text
 
   character(*), parameter, public :: too_uneven = 'the masses along the joints are too uneven for double precision (heavy '// &
                                                   'bodies that hang on light ones, beyond ratios of about 1e15 in all)'
@@ -80,6 +80,19 @@ contains
       end associate
     end do
   end function open_joints
+
+  !> The joint or drive that is open most at the last evaluated positions.
+  function widest_gap(self, ev) result(text)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
+    character(:), allocatable :: text
+    integer :: k, row
+    row = maxloc(abs(ev%rows%phi), 1)
+    do k = size(self%s%constraints), 2, -1
+      if (row >= self%s%constraints(k)%item%first) exit
+    end do
+    text = '"'//trim(self%s%constraints(k)%item%name)//'" opens most, by '//gap_text(self, ev, k)
+  end function widest_gap
 
   !> How far a constraint is open at the last evaluated positions: that of its rows which is open most, a length or an angle.
   function gap_text(self, ev, k, row) result(text)

@@ -15,7 +15,7 @@ module adaptive_pair
   use fixed_step, only: fixed_stepper
   use ode_system, only: ode, is_bounded
   use step_control, only: step_controller, value_rounding
-  use time_stepper, only: step_end, trouble_size, trouble_manifold, loss_of_accuracy
+  use time_stepper, only: step_end, trouble_size, trouble_manifold, trouble_accuracy
   implicit none (type, external)
   private
 
@@ -57,7 +57,7 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in) :: y(:)              !! (n) [unit]
-    call self%stages%prepare(self%method, size(y))
+    call self%prepare(size(y))
     self%control%order = self%method%order
     allocate (self%last(size(y)), self%error(size(y)), self%moved(size(y)), self%slope(size(y)), self%dense(size(y), 5), &
               source=0.0_wp)
@@ -68,8 +68,8 @@ contains
     call self%norm%watch(y)
     call begin_roots(self, system)
     call measure_noise(self, system)
-    call system%derivative(t, y, .false., self%stages%k(:, 1))
-    call self%norm%watch_slopes(self%stages%k(:, 1), .false.)
+    call system%derivative(t, y, .false., self%k(:, 1))
+    call self%norm%watch_slopes(self%k(:, 1), .false.)
   end subroutine begin
 
   !> Measures the rounding error of the derivative: its change when the state changes in its last digits. The system's
@@ -118,7 +118,7 @@ contains
     class(adaptive_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! last and next output time [s]
-    real(wp) :: h, wanted, err, larger
+    real(wp) :: h, wanted, err
     logical :: at_stop, at_event, ok
     if (self%roots%pending) then
       call pass_event(self, system)
@@ -144,12 +144,7 @@ contains
       self%h = self%control%refused(h, err)
       if (ok .and. system%roots > 0) self%h = min(self%h, next_fall(self, system, h))
       if (self%h > max(16*spacing(self%t), least_step*self%settings%stops(size(self%settings%stops)))) return
-      self%trouble = self%cause
-      if (.not. err > 0.0_wp) return
-      larger = huge(1.0_wp)
-      call self%try_step(system, 8*h, ok)
-      if (ok) call measure_error(self, system, 8*h, larger)
-      self%trouble = loss_of_accuracy(least_share*self%settings%tolerance, err, larger)
+      self%trouble = merge(trouble_accuracy, self%cause, err > 0.0_wp)
       return
     end if
     if (h > 0.0_wp) call self%accept_step(system, h)
@@ -159,7 +154,7 @@ contains
     if (.not. at_stop) return
     call restart_roots(self, system)
     self%h = max(self%h, wanted)
-    call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
+    call system%derivative(self%t, self%y, .false., self%k(:, 1))
     if (self%settings%jumps(self%next_stop)) self%h = 0.0_wp
     if (self%settings%jumps(self%next_stop)) call self%control%restart()
   end subroutine attempt
@@ -171,7 +166,7 @@ contains
     real(wp), intent(in) :: h                 !! [s]
     if (self%reaches_output) call keep_dense(self, h)
     self%y = self%trial
-    self%stages%k(:, 1) = self%last
+    self%k(:, 1) = self%last
     call self%norm%watch(self%y)
     call self%norm%watch_slopes(self%last, .false.)
     call self%count_step(self%tried, h)
@@ -198,7 +193,7 @@ contains
     call system%derivative(self%tried, self%trial, .true., self%last)
     self%cause = trouble_size
     ok = is_bounded(self%last)
-    if (ok) call self%stages%weighted(self%method%error, h, self%last, self%error)
+    if (ok) call self%weighted(self%method%error, h, self%last, self%error)
   end subroutine try_step
 
   !> Where a step is refused again, measures how much of its error is rounding: the change of the estimate when the start changes in
@@ -211,17 +206,17 @@ contains
     real(wp), dimension(size(self%y)) :: y, slope, rounding   ! start [unit], its derivative [unit/s], of the error [unit]
     logical :: ok, again
     y = self%y
-    slope = self%stages%k(:, 1)
+    slope = self%k(:, 1)
     rounding = self%error
     call change_last_digits(self)
     self%y = self%moved
-    call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
+    call system%derivative(self%t, self%y, .false., self%k(:, 1))
     call system%project(self%t, self%y, ok)
-    if (ok) call system%derivative(self%t, self%y, .false., self%stages%k(:, 1))
+    if (ok) call system%derivative(self%t, self%y, .false., self%k(:, 1))
     if (ok) call self%try_step(system, h, ok)
     rounding = self%error - rounding
     self%y = y
-    self%stages%k(:, 1) = slope
+    self%k(:, 1) = slope
     if (.not. ok) return
     call self%try_step(system, h, again)
     if (again) call measure_error(self, system, h, err, rounding)
@@ -264,13 +259,13 @@ contains
     self%dense_step = h
     do k = 1, size(self%y)
       change = self%trial(k) - self%y(k)
-      curve = h*self%stages%k(k, 1) - change
+      curve = h*self%k(k, 1) - change
       self%dense(k, 1) = self%y(k)
       self%dense(k, 2) = change
       self%dense(k, 3) = curve
       self%dense(k, 4) = change - h*self%last(k) - curve
     end do
-    call self%stages%weighted(self%method%dense, h, self%last, self%dense(:, 5))
+    call self%weighted(self%method%dense, h, self%last, self%dense(:, 5))
   end subroutine keep_dense
 
   !> First step from the state, its derivative and an estimate of the second derivative (reference, II.4).
@@ -279,7 +274,7 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: interval          !! between outputs, the longest first guess [s]
     real(wp) :: d0, d1, d2, h
-    associate (k1 => self%stages%k(:, 1), rest => self%settings%stops(size(self%settings%stops)) - self%t)
+    associate (k1 => self%k(:, 1), rest => self%settings%stops(size(self%settings%stops)) - self%t)
       h = min(interval, rest, self%settings%max_step, system%longest_step)
       d0 = self%norm%measure(self%y, self%y, h, self%settings%tolerance)
       d1 = self%norm%measure(k1, self%y, h, self%settings%tolerance)

@@ -11,7 +11,7 @@ module radau_stepper
   use radau_stages, only: radau_stage_values, set_up_stages, start_stages, solve_stages, exchange_stages
   use second_order_system, only: second_order_ode
   use summary_text, only: summary_record
-  use time_stepper, only: step_end, trouble_size, trouble_iteration, loss_of_accuracy
+  use time_stepper, only: step_end, trouble_size, trouble_iteration, trouble_accuracy
   implicit none (type, external)
   private
 
@@ -84,7 +84,6 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! [s]
     real(wp) :: h, error, next, end
-    integer :: trouble
     logical :: at_stop, at_event, ok
     if (self%roots%pending) then
       call pass_event(self, system)
@@ -119,9 +118,7 @@ contains
       self%h = next_step(self, h, error)
       if (ok .and. system%roots > 0) self%h = min(self%h, next_fall(self, system, h))
       if (self%h > max(16*spacing(self%t), 1.0e-15_wp*end) .and. self%hopeless < most_hopeless) return
-      trouble = trouble_iteration
-      if (ok) call try_larger(self, system, h, error, trouble)
-      call give_up(self, trouble)
+      call give_up(self, merge(trouble_accuracy, trouble_iteration, ok))
       return
     end if
     if (h > 0.0_wp) call self%accept_step(system, h)
@@ -130,21 +127,6 @@ contains
     next = next_step(self, h, error)
     self%h = merge(max(self%h, next), next, at_stop)
   end subroutine controlled_step
-
-  !> Why the last step, of size h, errs too much, from the error of a larger one.
-  subroutine try_larger(self, system, h, error, trouble)
-    class(radau_march), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(in) :: error             !! [-]
-    integer, intent(out) :: trouble
-    real(wp) :: larger                        ! [-]
-    logical :: ok
-    call self%try_step(system, 8*h, ok)
-    larger = huge(1.0_wp)
-    if (ok) call self%measure_step(system, larger)
-    trouble = loss_of_accuracy(self%settings%tolerance, error, larger)
-  end subroutine try_larger
 
   !> Step that estimated errors ask for after one of size h. A new step means new matrices, and errors of a vibration come and go
   !> with its phase: a step grows where the worst error of several steps allows it, or at once where it may grow by much.

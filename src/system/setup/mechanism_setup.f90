@@ -1,12 +1,14 @@
 !> Prepares a mechanism and the room for its evaluations once, before anything moves: compact copies of the models, the sides of
-!> constraint rows with the joint graph (`incidence`), the attached markers of flexible bodies (`attachments`).
+!> constraint rows on moving bodies, grouped by body, with the joint graph by which the multipliers' matrix S = Phi_q M^-1 Phi_q^T is
+!> ordered, and the markers where constraints act on flexible bodies: what a unit force there does to the elastic coordinates, columns
+!> m_ff^-1 E_k^T, and the compliances E_i m_ff^-1 E_j^T between these markers (theory.md, section 7).
 module mechanism_setup
-  use attachments, only: attach_markers
   use kinds, only: wp
+  use body, only: body_model
   use evaluation_results, only: evaluation
   use force_element, only: by_position
-  use incidence, only: collect_incidence
-  use mechanism, only: mechanism_model, factor_frame
+  use marker, only: marker_model
+  use mechanism, only: mechanism_model, flexible_attachments, factor_frame
   use multipliers, only: multiplier_system
   use prototypes, only: find_prototypes
   use scene_model, only: scene
@@ -124,4 +126,115 @@ contains
     self%markers%nodal = pack([(k, k=1, size(kind))], kind == 2)
     self%markers%modal = pack([(k, k=1, size(kind))], kind == 3)
   end subroutine compact_markers
+
+  !> Lists the sides of all rows, body by body, orders the joint graph and finds the entries of S.
+  subroutine collect_incidence(self, schur)
+    type(mechanism_model), intent(inout) :: self
+    type(multiplier_system), intent(out) :: schur
+    integer, allocatable :: others(:)
+    integer :: k, i, row
+    associate (at => self%incidence)
+      call at%begin(3*self%s%rows)
+      call at%add_constraints(self%s)
+      call at%sort(size(self%s%bodies))
+      allocate (at%row_marker(2, self%s%rows))
+      allocate (at%with_carrier(0), at%carrier(0), at%places(0), at%angles(0), others(0), at%datum(self%s%rows))
+      do k = 1, size(self%s%constraints)
+        associate (c => self%s%constraints(k)%item)
+          do i = 1, c%rows
+            row = c%first + i - 1
+            at%row_marker(:, row) = [c%ia, c%ib]
+            at%datum(row) = c%measures(i)%item%datum
+            if (.not. c%is_plain(i)) then
+              others = [others, k, i]
+            else if (c%measures(i)%item%angular) then
+              at%angles = [at%angles, row]
+            else
+              at%places = [at%places, row]
+            end if
+          end do
+          if (c%ic > 0) then
+            at%with_carrier = [at%with_carrier, c%first]
+            at%carrier = [at%carrier, c%ic]
+          end if
+        end associate
+      end do
+      at%others = reshape(others, [2, size(others)/2])
+    end associate
+    call order_rows(self, schur)
+  end subroutine collect_incidence
+
+  !> Orders S by the pairs of rows that meet on a body, and finds the entry of each pair of sides, themselves included.
+  subroutine order_rows(self, schur)
+    type(mechanism_model), intent(inout) :: self
+    type(multiplier_system), intent(inout) :: schur
+    integer, allocatable :: rows(:), cols(:)    !! (pairs)
+    logical, allocatable :: same(:)             !! (pairs) a side with itself
+    integer :: n, b, e, f
+    associate (at => self%incidence)
+      n = sum([((at%first(b + 1) - at%first(b))*(at%first(b + 1) - at%first(b) + 1)/2, b=1, size(self%s%bodies))])
+      allocate (rows(n), cols(n), same(n))
+      n = 0
+      do b = 1, size(self%s%bodies)
+        do e = at%first(b), at%first(b + 1) - 1
+          do f = at%first(b), e
+            n = n + 1
+            rows(n) = at%row(e)
+            cols(n) = at%row(f)
+            same(n) = e == f
+          end do
+        end do
+      end do
+      call schur%set_up(self%s%rows, rows, cols, same)
+    end associate
+  end subroutine order_rows
+
+  !> Attachments of every flexible body.
+  subroutine attach_markers(self)
+    type(mechanism_model), intent(inout) :: self
+    integer, allocatable :: local(:)
+    integer :: b
+    allocate (local(size(self%s%markers)), source=0)
+    do b = 1, size(self%s%bodies)
+      associate (at => self%attached(b), body => self%s%bodies(b))
+        if (.not. body%flexible) cycle
+        call self%incidence%attach(self%s, b, local, at)
+        call fill_columns(self%s%markers, body, at)
+        call fill_compliances(self%s%markers, body, at)
+      end associate
+    end do
+  end subroutine attach_markers
+
+  !> The columns m_ff^-1 E_k^T.
+  subroutine fill_columns(markers, body, at)
+    type(marker_model), intent(in) :: markers(:) !! of the scene
+    type(body_model), intent(in) :: body
+    type(flexible_attachments), intent(inout) :: at
+    real(wp) :: work(2, body%nf)                 ! [any]
+    integer :: j
+    allocate (at%columns(body%nf, size(at%owner)), source=0.0_wp)
+    do j = 1, size(at%owner)
+      call markers(at%marker(at%owner(j)))%add_elastic_forces(merge(1.0_wp, 0.0_wp, [1, 2, 3] == at%component(j)), at%columns(:, j))
+      call body%basis%solve_mass(body%nf, work, at%columns(:, j))
+    end do
+  end subroutine fill_columns
+
+  !> Compliances between the markers, and E_k m_ff^-1 S-bar^T.
+  pure subroutine fill_compliances(markers, body, at)
+    type(marker_model), intent(in) :: markers(:) !! of the scene
+    type(body_model), intent(in) :: body
+    type(flexible_attachments), intent(inout) :: at
+    integer :: n, i, j
+    n = size(at%marker)
+    allocate (at%compliance(3, 3, n, n), at%ep(3, 2, n), source=0.0_wp)
+    do i = 1, n
+      associate (marker => markers(at%marker(i)))
+        at%ep(:, 1, i) = marker%elastic(body%shape%pmat(:, 1))
+        at%ep(:, 2, i) = marker%elastic(body%shape%pmat(:, 2))
+        do j = 1, size(at%owner)
+          at%compliance(:, at%component(j), i, at%owner(j)) = marker%elastic(at%columns(:, j))
+        end do
+      end associate
+    end do
+  end subroutine fill_compliances
 end module mechanism_setup
