@@ -1,5 +1,5 @@
-!> The generalized-alpha method as a transient sees it: its start at a consistent state, change of its step, and its march. A step is
-!> in `alpha_newton`.
+!> The generalized-alpha method as a transient sees it: its start at a consistent state, change of its step, and its march. A step
+!> is in `alpha_newton`.
 module alpha_stepper
   use kinds, only: wp
   use archive, only: value_archive
