@@ -1,5 +1,5 @@
 !> Prepares a mechanism and the room for its evaluations once, before anything moves: compact copies of the models; the sides of
-!> constraint rows on moving bodies, grouped by body, with the joint graph by which the multipliers' matrix S is ordered; the markers
+!> constraint rows on moving bodies, by body, with the joint graph by which the multipliers' matrix S is ordered; the markers
 !> where constraints act on flexible bodies: what a unit force there does to the elastic coordinates, columns m_ff^-1 E_k^T, and the
 !> compliances E_i m_ff^-1 E_j^T between these markers (theory.md, section 7).
 module mechanism_setup
