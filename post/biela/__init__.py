@@ -1,32 +1,13 @@
-"""biela in Python: `run` makes results, `read` reads those that are there; the programs of post/ as functions.
-
-import biela
-run = biela.run("input/four_bar.nml", set={"transient/t_end": 0.5})
-run.time, run["coupler_mid.v"], run.summary.transient.steps
-history = biela.read("results/four_bar")
-"""
+"""biela in Python: `run` makes results, `read` reads those there; the programs of post/ as functions (post/EXAMPLES.md)."""
 
 import importlib
 
-_MODULES = {
-    "BielaError": "result_files",
-    "History": "histories",
-    "HistoryError": "result_files",
-    "Result": "session",
-    "SolverError": "session",
-    "fit": "session",
-    "identify": "session",
-    "modes": "session",
-    "optimise": "session",
-    "read": "histories",
-    "read_summary": "histories",
-    "report": "session",
-    "run": "session",
-    "sensitivity": "session",
-    "spectrum": "session",
-    "sweep": "session",
-    "tradeoff": "session",
+_NAMES = {
+    "histories": "History read read_summary",
+    "result_files": "BielaError HistoryError",
+    "session": "Result SolverError fit identify modes optimise report run sensitivity spectrum sweep tradeoff",
 }
+_MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = list(_MODULES)
 
 

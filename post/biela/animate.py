@@ -11,14 +11,13 @@ from matplotlib import patheffects as path_effects
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from PIL import Image
 
+from .command import Progress
 from .histories import read
 from .mechanism import Mechanism, Pair, add_trace, from_run, zigzag
 from .picture_files import FORMATS, stem_of, subplots
 from .plot import LOOK, body_look
-from .progress import Progress
 from .result_files import HistoryError, note, writing
 
 DARK = "#333333"
@@ -51,10 +50,8 @@ class Picture:
         self.pairs = [stop for stop in scene.stops if isinstance(stop, Pair)]
         self.forces = [axis.plot([], [], "-", color=TOUCHED, lw=1.8, zorder=6.5)[0] for _ in self.pairs]
         self.wall = 0.03 * max(high - low)
-        self.bodies = [
-            axis.plot([], [], color=colour, ls=style, lw=2.2, zorder=3)[0]
-            for colour, style in map(body_look, range(len(scene.bodies)))
-        ]
+        looks = map(body_look, range(len(scene.bodies)))
+        self.bodies = [axis.plot([], [], color=colour, ls=style, lw=2.2, zorder=3)[0] for colour, style in looks]
         outlined = [path_effects.withStroke(linewidth=2.5, foreground="white")]
         look = {"fontsize": 8, "va": "bottom", "path_effects": outlined, "zorder": 7}
         self.names = [axis.text(0, 0, f"   {name}   ", **look) for name in scene.bodies if named]
@@ -72,9 +69,9 @@ class Picture:
         lines += [*self.bodies, *self.nodes, self.lumps, self.blocks, self.pins]
         self.moving = [*sorted(lines, key=lambda line: line.zorder), *self.names, self.stamp]
 
-    def show_still(self) -> None:
-        """Show the first row without its time."""
-        self.show(0)
+    def show_still(self, row: int = 0) -> None:
+        """Show a row without its time."""
+        self.show(row)
         self.stamp.set_text("")
 
     def show(self, row: int, since: int | None = None) -> None:
@@ -100,19 +97,15 @@ class Picture:
             line.set_data(*np.transpose([scene.position(base, row) - along, scene.position(base, row) + along]))
         for line, hit, stop in zip(self.stops, self.touched, scene.stops):
             walls, touches = stop.walls(scene, row, self.wall)
-            touches |= since is not None and stop.struck_within(scene.time[since], scene.time[row])
+            touches |= since is not None and bool(np.any((scene.time[since] < stop.struck) & (stop.struck <= scene.time[row])))
             line.set_data(*np.concatenate([[*wall, [np.nan] * 2] for wall in walls]).T)
             hit.set_data(*(walls[0].T if touches else ([], [])))
         for line, pair in zip(self.forces, self.pairs):
             line.set_data(*pair.pressed(scene, row, LONGEST * self.wall).T)
-        _dots(self.lumps, [scene.position(marker, row) for marker in scene.lumps])
-        _dots(self.blocks, [scene.position(marker, row) for marker, _, _ in scene.sliders])
-        _dots(self.pins, [scene.position(marker, row) for marker in scene.pins])
+        blocks = [marker for marker, _, _ in scene.sliders]
+        for dots, markers in ((self.lumps, scene.lumps), (self.blocks, blocks), (self.pins, scene.pins)):
+            dots.set_data(*np.array([scene.position(marker, row) for marker in markers]).reshape(-1, 2).T)
         self.stamp.set_text(f"t = {scene.time[row] * 1.0e3:.4g} ms" if scene.time[-1] < 0.1 else f"t = {scene.time[row]:.4g} s")
-
-
-def _dots(line: Line2D, points: list[np.ndarray]) -> None:
-    line.set_data(*(np.transpose(points) if points else ([], [])))
 
 
 def tiles(count: int, low: np.ndarray, high: np.ndarray) -> tuple[int, int, float, float]:
@@ -141,18 +134,13 @@ def panels_to_scale(count: int, low: np.ndarray, high: np.ndarray, above: float,
     return figure, list(axes.flat[:count])
 
 
-def _height(scene: Mechanism, width: float) -> float:
-    """Return the height that suits a picture of that width [inch]."""
-    low, high = scene.extent()
-    size = high - low + 2.0 * MARGIN * (max(high - low) or 1.0)
-    return float(np.clip(width * size[1] / size[0], 0.2 * width, 1.5 * width))
-
-
 def film(scene: Mechanism, frames: int) -> list[Image.Image]:
     """Return at most that many frames, evenly spread over time; what does not move is drawn once."""
     rows = np.unique(np.linspace(0, len(scene.time) - 1, min(frames, len(scene.time))).round().astype(int))
+    size = np.ptp(scene.extent(), axis=0)
+    size += 2.0 * MARGIN * (max(size) or 1.0)
     with mpl.rc_context(LOOK | {"axes.grid": False, "figure.dpi": 80}):
-        figure, axis = subplots(figsize=(6.4, max(2.0, _height(scene, 6.4))))
+        figure, axis = subplots(figsize=(6.4, float(np.clip(6.4 * size[1] / size[0], 2.0, 9.6))))
         axis.set(xlabel="x [m]", ylabel="y [m]")
         picture = Picture(axis, scene, named=True)
         for artist in picture.moving:
@@ -213,8 +201,7 @@ def write(
                 few, *rest = (image.quantize(64) for image in images)
                 few.save(path, save_all=True, append_images=rest, duration=round(1000.0 * seconds / len(images)), loop=0)
             else:
-                figure = sheet(scene, pictures, title)
-                figure.savefig(path, dpi=110)
+                sheet(scene, pictures, title).savefig(path, dpi=110)
             note(path)
     return paths
 

@@ -4,24 +4,49 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import math
 import os
 import shutil
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Callable, NoReturn
 
-from .progress import Progress
 from .result_files import BielaError
 
 if TYPE_CHECKING:
     import subprocess
 
+WIDTH = 118  # letters of the line
 CLOSED = 141  # status of a command whose reader has gone, as shells count it (128 + SIGPIPE)
 ROOT = Path(__file__).resolve().parents[2]
 SOLVER = ROOT / "bin" / "biela"  # built by `make`; found from any folder
 if not SOLVER.is_file():  # the installed package
     SOLVER = Path(shutil.which("biela") or SOLVER)
+
+
+class Progress:
+    """The line, which each call writes anew; `Progress.shown` says whether a program lets it be seen."""
+
+    shown = False
+
+    def __init__(self) -> None:
+        self.begun = time.monotonic()
+
+    def show(self, what: str, done: int, count: int, more: str = "") -> None:
+        """Write how many of so many are done, how long that took, and more words; count 0: how many there will be is not known."""
+        seconds = time.monotonic() - self.begun
+        bar = f"[{'#' * (20 * done // count):.<20}] " if count else ""
+        self._write(f"{bar}{what}: {done}{f'/{count}' if count else ''}, {seconds:.0f} s{more}"[:WIDTH].ljust(WIDTH))
+
+    def clear(self) -> None:
+        """Take the line away."""
+        self._write(" " * WIDTH + "\r")
+
+    def _write(self, text: str) -> None:
+        if self.shown and sys.stderr.isatty():
+            print(f"\r{text}", end="", file=sys.stderr, flush=True)
 
 
 def options_of(args: argparse.Namespace, kind: type) -> object:
@@ -51,14 +76,9 @@ def finite(text: str, words: str = "a number", least: float = -math.inf, kind: t
     raise argparse.ArgumentTypeError(f"{text!r}: {words} expected")
 
 
-def positive(text: str) -> float:
-    """Return a number above zero from the command line."""
-    return finite(text, "a number above 0", math.ulp(0.0))
-
-
-def count(text: str) -> int:
-    """Return a whole number of at least one from the command line."""
-    return finite(text, "a whole number of at least 1", 1, int)
+positive = functools.partial(finite, words="a number above 0", least=math.ulp(0.0))
+tolerance = functools.partial(finite, words="a number of at least 0", least=0.0)
+count = functools.partial(finite, words="a whole number of at least 1", least=1, kind=int)
 
 
 def pair(text: str) -> tuple[str, float]:
@@ -68,11 +88,6 @@ def pair(text: str) -> tuple[str, float]:
         if mark and name and 0.0 <= float(value) < math.inf:
             return name, float(value)
     raise argparse.ArgumentTypeError(f"{text!r}: NAME=TOLERANCE expected")
-
-
-def tolerance(text: str) -> float:
-    """Return a number of at least zero from the command line."""
-    return pair(f"all={text}")[1]
 
 
 def attempt(tool: str, work: Callable[[], int], failed: int = 2) -> int:
@@ -94,10 +109,7 @@ def missing(fault: ModuleNotFoundError) -> str:
 
 
 def run(tool: str, main: Callable[[], int]) -> NoReturn:
-    """Call a tool and end with its status; what it prints never ends it.
-
-    Characters that the terminal's encoding lacks are shown as '?'. Where the reader has gone (`| head`), the tool ends quietly.
-    """
+    """Call a tool and end with its status; letters that the terminal lacks are '?', without a reader (`| head`) it ends quietly."""
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.reconfigure(errors="replace")

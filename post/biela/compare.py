@@ -40,10 +40,8 @@ def matching_rows(run: History, reference: History) -> np.ndarray:
     off = np.abs(have[nearest] - wanted) > 1.0e-6 * interval
     if off.any():
         row = int(np.argmax(off))
-        raise HistoryError(
-            f"{run.path}: no row at t = {wanted[row]:.9g} s, which {reference.path} has; "
-            f"the nearest is t = {have[nearest[row]]:.9g} s"
-        )
+        words = f"{run.path}: no row at t = {wanted[row]:.9g} s, which {reference.path} has"
+        raise HistoryError(f"{words}; the nearest is t = {have[nearest[row]]:.9g} s")
     return nearest
 
 
@@ -59,16 +57,9 @@ def scales(reference: History, units: dict[str, str]) -> dict[str, float]:
 
 
 def differences(
-    run: History,
-    reference: History,
-    tolerance: float = 0.0,
-    columns: list[str] | None = None,
-    tolerances: dict[str, float] | None = None,
+    run: History, reference: History, tolerance: float = 0.0, columns: list[str] | None = None, tolerances: dict | None = None
 ) -> list[Difference]:
-    """Return the difference of each of the reference's columns, in their order; HistoryError where times or columns do not match.
-
-    Shell patterns choose columns (all) and have tolerances of their own, the last that fits, beside the general one.
-    """
+    """Return the difference of each column of the reference that patterns choose (all); HistoryError: no such times or columns."""
     names = reference.match(columns)
     missing = [name for name in names if name not in run]
     if missing:
@@ -109,9 +100,8 @@ def compare(args: argparse.Namespace) -> int:
     run, reference = read(args.run, args.file), read(args.reference, args.file)
     found = differences(run, reference, args.tolerance, args.columns, dict(args.column))
     print(table(found))
-    failed = [d for d in found if not d.passed]
-    verdict = f"{len(failed)} too far apart" if failed else "all within tolerance"
-    more = run.time.size - reference.time.size
+    failed, more = sum(not d.passed for d in found), run.time.size - reference.time.size
     rest = f" ({more} further rows of the run not compared)" if more else ""
+    verdict = f"{failed} too far apart" if failed else "all within tolerance"
     print(f"{len(found)} columns, {reference.time.size} rows{rest}: {verdict}")
-    return 1 if failed else 0
+    return int(failed > 0)

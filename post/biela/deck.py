@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from .command import SOLVER, call_solver
+from .histories import read_summary
 from .result_files import BielaError
 
 
@@ -63,8 +65,7 @@ class Deck:
 
     path: Path  # of the file
     groups: tuple[Group, ...]  # in their order, as the settings leave them
-    # values as text by GROUP/NAME/KEY, '' where the key goes; by GROUP/NAME/ where the group goes
-    settings: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, str] = field(default_factory=dict)  # texts by GROUP/NAME/KEY, by GROUP/NAME/ of a group; '': it goes
 
     def all(self, *kinds: str) -> list[Group]:
         """Return the groups of some kinds."""
@@ -107,10 +108,6 @@ class Deck:
     def words(self) -> list[str]:
         """NAME=VALUE of all settings."""
         return [f"{key}={value}" for key, value in self.settings.items()]
-
-    def text(self, *more: str) -> str:
-        """Return a deck that brings the file in, with the settings and more of them."""
-        return including(self.path, [*self.words, *more])
 
     def flat(self, biela: Path) -> str:
         """Return the deck as one text that runs alone, comments and layout kept, as the solver prints it."""
@@ -156,3 +153,14 @@ def read(path: Path, *settings: str, biela: Path = SOLVER) -> Deck:
     """Read a deck with settings NAME=VALUE as the solver does, numbers for expressions; BielaError where it refuses it."""
     listed = json.loads(flat_text(biela, path, *settings, json_too=True))
     return Deck(path.resolve(), groups_of(listed), dict(one.split("=", 1) for one in settings))
+
+
+def run_into(folder: Path, deck: Deck, biela: Path) -> dict:
+    """Run a deck into a folder and return the figures of its summary; BielaError with the words of the solver where it fails."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    done = call_solver(biela, "--quiet", "--output", folder, *(word for one in deck.words for word in ("--set", one)), deck.path)
+    if done.returncode:
+        lines = [line for line in done.stderr.splitlines() if ": warning: " not in line]
+        raise BielaError((lines or [f"the solver ended with status {done.returncode}"])[0])
+    return read_summary(folder)

@@ -1,7 +1,7 @@
 """Derivatives of results by parameters, with their errors, from runs beside a design.
 
-The polynomial through five designs gives the derivative; that through the nearest three of them tells how far the step bends it.
-The error of a run, as the run itself measures it (`check_error`), over the step is the other part. The step makes both alike.
+The polynomial through five designs gives the derivative; that through the nearest three tells how far the step bends it. The error
+of a run (`check_error`) over the step is the other part. The step makes both alike.
 """
 
 from __future__ import annotations
@@ -18,17 +18,8 @@ THREE = {"both sides": (-1.0, 1.0), "above": (1.0, 2.0), "below": (-1.0, -2.0)}
 SHORTEST, LONGEST = 1.0e-6, 0.12  # steps, in parts of a parameter's range
 ROUNDS = 2  # of steps that are tried
 SPREAD = 0.01  # of a parameter's value, where the study says none
-HEADER = [
-    "result",
-    "parameter",
-    "at",
-    "derivative",
-    "error",
-    "spread",
-    "change by the spread",
-    "error of the change",
-    "percent per percent",
-]
+HEADER = ["result", "parameter", "at", "derivative", "error", "spread", "change by the spread"]
+HEADER += ["error of the change", "percent per percent"]
 
 
 @dataclass
@@ -47,10 +38,7 @@ def weights(nodes: tuple[float, ...]) -> np.ndarray:
 
 
 def matched(base: Design, other: Design, column: int, first: int = 0) -> float:
-    """Return the value of another design that belongs to an extreme of the base, 0 the deciding one: of the extreme nearest to it.
-
-    Where several extremes compete their largest has a kink, each of them has none.
-    """
+    """Return the value of another design at the extreme nearest to one of the base (0: the deciding one): each has no kink."""
     extremes, others = base.extremes[column], other.extremes[column]
     if not extremes or not others:
         return other.values[column]
@@ -90,10 +78,7 @@ def _at_step(runs: DesignRuns, space: Space, base: Design, start: np.ndarray, ch
 def derivatives(
     runs: DesignRuns, space: Space, base: Design, start: np.ndarray, choice: tuple, errors: np.ndarray, scales: np.ndarray
 ) -> Derivatives:
-    """Return the derivatives of all results at a design with its start in the unit cube; RunsOverError: there are no more runs.
-
-    The errors of its values and their sizes, the scales, give the first steps.
-    """
+    """Return derivatives at a design that stands at `start` in the unit cube, by errors and sizes of its values; RunsOverError."""
     own = len(space.parameters)
     known = np.maximum(errors, np.finfo(float).eps * np.abs(base.values))
     part = np.max((known / scales)[own:], initial=0.0)

@@ -16,10 +16,7 @@ from .sweep_study import Parameter, Study, StudyOptions
 
 @dataclass(frozen=True)
 class Space:
-    """All designs of a study.
-
-    A design is a position in the unit cube, one coordinate for each free parameter, and a choice from the lists of the others.
-    """
+    """All designs of a study: positions in the unit cube, a coordinate a free parameter, and choices from lists."""
 
     parameters: tuple[Parameter, ...]  # all, in the order of the study
     free: tuple[Parameter, ...]  # those with ends
@@ -118,10 +115,7 @@ class DesignRuns(StudyRuns):
         return len(self.made) + self.checked
 
     def of(self, points: list[dict], check: bool = False) -> list[Design]:
-        """Return designs, given by the values of all parameters, with what their runs gave; `check`: runs measure their own errors.
-
-        RunsOverError: there are no more runs, those that were left are made. HistoryError: Ctrl-C, or the solver cannot be called.
-        """
+        """Return what runs of designs gave; `check`: they measure their errors; RunsOverError: those that were left are made."""
         left = self.study.runs - self.count
         fresh = [point for point in points if check or repr(point) not in self.seen]
         if len(fresh) > left:

@@ -1,23 +1,19 @@
-"""Searches for the best design from several positions at once: scipy's SLSQP on runs of the solver.
+"""A search for the best design: scipy's SLSQP on runs of the solver, those of one derivative side by side.
 
-Each search is a thread that asks for designs. All threads ask, then the runs of all are made side by side, then all go on: what
-they find does not depend on the number of cores, and a search that was interrupted finds its runs in the journal. The largest of
+What it finds does not depend on the number of cores, and one that was interrupted finds its runs in the journal. The largest of
 several extremes has kinks: SLSQP gets each extreme as a function of its own. A run that failed is infeasible: the search goes back.
 """
 
 from __future__ import annotations
 
 import math
-import queue
-import threading
 from dataclasses import dataclass
 
 import numpy as np
 
 from .derivatives import matched
-from .design_runs import Design, DesignRuns, RunsOverError, Space
-from .sweep_scalars import EXTREMES, LARGEST
-from .sweep_study import Study
+from .design_runs import Design, DesignRuns, Space
+from .sweep_scalars import EXTREMES
 
 FAR = 1.0e3  # scaled distance from a limit where a design has fewer extremes than others: never active
 SAME = 0.03  # two searches nearer than this part of the ranges, each, go the same way
@@ -46,8 +42,7 @@ class Goal:
     limits: tuple[Limit, ...]  # to be met
     scales: np.ndarray  # sizes by which values are measured, of each parameter and result
     errors: np.ndarray  # of the values
-    # columns of which the largest (smallest) of several extremes counts, with the sign of the better direction
-    several: dict[int, int]
+    several: dict[int, int]  # columns that are the largest (smallest) of several extremes, with the sign of the better way
 
     def violation(self, design: Design) -> float:
         """Return by how much a design misses its limits, scaled and summed; infinite where its run failed."""
@@ -75,12 +70,6 @@ class Goal:
         return self.several.get(column) == sign
 
 
-def several_of(study: Study) -> dict[int, int]:
-    """Return the columns that are extremes of several, with the sign of the direction in which they are the worst one."""
-    own = len(study.parameters)
-    return {own + k: (-1 if one.measure == "min" else 1) for k, one in enumerate(study.scalars) if one.measure in LARGEST}
-
-
 def scales_of(designs: list[Design], width: int) -> np.ndarray:
     """Return the size of each value: the middle half of its spread over designs, else its own size."""
     values = np.array([one.values for one in designs if one.ok]).reshape(-1, width)
@@ -94,20 +83,18 @@ def scales_of(designs: list[Design], width: int) -> np.ndarray:
 
 
 class StoppedError(Exception):
-    """The search is over: another one goes the same way, or the runs are used up."""
+    """The search is over: another one went the same way, or runs fail."""
 
 
-class Search(threading.Thread):
-    """One search, of what the lists leave free, from where it begins; `central`: by differences on both sides."""
+class Search:
+    """One search, of what the lists leave free, from where it begins, after others; `central`: by differences on both sides."""
 
-    def __init__(self, number: int, space: Space, goal: Goal, choice: tuple, begin: np.ndarray, central: bool = False) -> None:
-        super().__init__(daemon=True)
-        self.number, self.space, self.goal, self.choice, self.begin, self.central = number, space, goal, choice, begin, central
-        self.ended, self.best, self.fault, self.over = "", None, None, False  # why it ended, the best design that it met
+    def __init__(self, runs: DesignRuns, space: Space, goal: Goal, choice: tuple, begin: np.ndarray, before: list, central=False):
+        self.runs, self.space, self.goal, self.choice, self.begin, self.central = runs, space, goal, choice, begin, central
+        self.before = list(before)
+        self.ended, self.best = "", None  # why it ended, the best design that it met
         self.path: list[np.ndarray] = []  # positions of its iterates
         self.failures, self.worst = 0, 0.0
-        self.requests: queue.Queue = queue.Queue()
-        self.answers: queue.Queue = queue.Queue()
         self.known: dict[bytes, Design] = {}
         self.slopes: dict[bytes, tuple[list[np.ndarray], np.ndarray]] = {}
         # an objective that is the worst of several extremes is a further variable, above all of them
@@ -117,17 +104,13 @@ class Search(threading.Thread):
         step = part ** (1.0 / 3.0) if central else math.sqrt(part)
         self.step = float(np.clip(2.0 * step, LEAST_STEP, LARGEST_STEP))
 
-    # --- what the thread does
-    def run(self) -> None:
-        """Search until SLSQP ends or the search is stopped; `requests` gets None at the end."""
+    def run(self) -> Search:
+        """Search until SLSQP ends or the search is stopped; RunsOverError where there are no more runs."""
         try:
             self.ended = self._slsqp()
         except StoppedError as reason:
             self.ended = str(reason)
-        except Exception as fault:  # raised by the thread that waits for this one
-            self.fault = fault
-        self.over = True
-        self.requests.put(None)
+        return self
 
     def _slsqp(self) -> str:
         from scipy.optimize import minimize
@@ -136,9 +119,10 @@ class Search(threading.Thread):
         if not first.ok:
             return "its first run failed: " + first.reason
         constraints = [{"type": "ineq", "fun": self._margins, "jac": self._margin_slopes}] if self.rows else []
-        found = minimize(self._objective, np.append(self.begin, [self._scaled(first)] * self.above), jac=self._objective_slope,
-                         method="SLSQP", bounds=[(0.0, 1.0)] * len(self.begin) + [(None, None)] * self.above,
-                         constraints=constraints, options={"maxiter": ITERATIONS, "ftol": goal.accuracy})  # fmt: skip
+        slope = (lambda x: np.eye(len(x))[-1]) if self.above else lambda x: goal.sign * self._slope(x)[1]
+        how = dict(jac=slope, bounds=[(0.0, 1.0)] * len(self.begin) + [(None, None)] * self.above, constraints=constraints)
+        how |= dict(method="SLSQP", options={"maxiter": ITERATIONS, "ftol": goal.accuracy})
+        found = minimize(self._objective, np.append(self.begin, [self._scaled(first)] * self.above), **how)
         return "" if found.status == 0 else str(found.message)
 
     def _scaled(self, design: Design) -> float:
@@ -147,11 +131,17 @@ class Search(threading.Thread):
 
     def _ask(self, positions: list[np.ndarray]) -> list[Design]:
         """Return designs at positions of the cube; StoppedError where the search is not to go on."""
-        self.requests.put([self.space.point(position, self.choice) for position in positions])
-        found = self.answers.get()
-        if isinstance(found, str):
-            raise StoppedError(found)
-        return found
+        if self.best and any(self._follows(other) for other in self.before):
+            raise StoppedError(JOINED)
+        return self.runs.of([self.space.point(position, self.choice) for position in positions])
+
+    def _follows(self, other: Search) -> bool:
+        """Return whether an ended search with a design as good or better came the same way, or its end is much nearer."""
+        if not other.best or other.ended not in ("", JOINED) or self.goal.merit(self.best) < self.goal.merit(other.best):
+            return False
+        early = not other.ended and len(self.path) > 2 * len(other.path)
+        same = other.choice == self.choice and self.path and other.path
+        return early or bool(same and np.abs(self.path[-1] - other.path[-1]).max() < SAME)
 
     def _design(self, variables: np.ndarray) -> Design:
         """Return the design at a position."""
@@ -201,10 +191,6 @@ class Search(threading.Thread):
         design = self._design(variables)
         return float((variables[-1] if self.above else self._scaled(design)) if design.ok else self.worst + 10.0)
 
-    def _objective_slope(self, variables: np.ndarray) -> np.ndarray:
-        """Return the derivative of `_objective`."""
-        return np.eye(len(variables))[-1] if self.above else self.goal.sign * self._slope(variables)[1]
-
     def _slope(self, variables: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
         """Return the derivatives of the values of all rows, each an array (extremes, parameters), and of the objective."""
         position = np.clip(variables[: len(self.begin)], 0.0, 1.0)
@@ -247,43 +233,3 @@ class Search(threading.Thread):
             apart = good[0][0] - good[1][0]
             found.append([(1.0 / apart, good[0][1]), (-1.0 / apart, good[1][1])])
         return found
-
-
-def search_all(runs: DesignRuns, searches: list[Search]) -> None:
-    """Let searches go on side by side until all have ended; RunsOverError where there are no more runs."""
-    for one in searches:
-        one.start()
-    live, over = list(searches), False
-    while live:
-        wanted = [(one, points) for one in live if (points := one.requests.get()) is not None]
-        live = [one for one, _ in wanted]
-        for one in searches:
-            if one.fault:
-                raise one.fault
-        joined = _joined(searches, live)
-        try:
-            found = iter(runs.of([point for one, points in wanted if one not in joined for point in points]))
-        except RunsOverError:
-            over = True
-        for one, points in wanted:
-            one.answers.put("the runs are used up" if over else JOINED if one in joined else [next(found) for _ in points])
-    if over:
-        raise RunsOverError
-
-
-def _joined(searches: list[Search], live: list[Search]) -> list[Search]:
-    """Return the searches that are not worth their runs: worse than another one.
-
-    That has ended after less than half as many iterations, or is, or was when it ended, in the same place.
-    """
-    stopped: list[Search] = []
-    for one in live:
-        for other in searches:
-            if other is one or not other.best or not one.best or one.goal.merit(one.best) < one.goal.merit(other.best):
-                continue
-            early = other.over and not other.ended and len(one.path) > 2 * len(other.path)
-            same = other.choice == one.choice and one.path and other.path and other.ended in ("", JOINED) and other not in stopped
-            if early or (same and np.abs(one.path[-1] - other.path[-1]).max() < SAME):
-                stopped.append(one)
-                break
-    return stopped

@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Arc
 
 from . import labels
@@ -108,10 +109,6 @@ class ScenePicture:
         self._gravity()
         self._key()
 
-    def name_all(self) -> None:
-        """Write the names, once everything else stands where it stays."""
-        labels.write(self.axis, self.labels)
-
     def _layers(self, body: dict, colour: str) -> None:
         """Draw the layers of a beam to a scale of their own across; viscoelastic ones are hatched, with dark edges."""
         nodes = np.array(body["nodes"])
@@ -192,25 +189,21 @@ class ScenePicture:
         gravity = np.array(self.scene["gravity"])
         size = np.hypot(*gravity)
         if size > 0.0:
-            start, end = np.array([0.95, 0.95]) - 0.0, np.array([0.95, 0.95]) + 0.09 * gravity / size
-            style = dict(arrowstyle="-|>", color=GREY, lw=1.4)
-            self.axis.annotate("", end, start, "axes fraction", "axes fraction", arrowprops=style)
-            text = f"g {size:.3g} m/s²"
-            self.axis.text(0.935, 0.95, text, transform=self.axis.transAxes, ha="right", va="top", color=GREY, fontsize=8)
+            start, style = np.array([0.95, 0.95]), dict(arrowstyle="-|>", color=GREY, lw=1.4)
+            self.axis.annotate("", start + 0.09 * gravity / size, start, "axes fraction", "axes fraction", arrowprops=style)
+            look = dict(ha="right", va="top", color=GREY, fontsize=8, transform=self.axis.transAxes)
+            self.axis.text(0.935, 0.95, f"g {size:.3g} m/s²", **look)
 
     def _key(self) -> None:
         """Say which colour stands for what, of the kinds that are there."""
         kinds = {"joints": ("o", DARK), "drives": (r"$\circlearrowleft$", DRIVE), "forces": (r"$\rightarrow$", FORCE)}
         kinds |= {"springs": (r"$\sim$", SPRING), "stops": ("|", STOP), "sensors": ("D", SENSOR)}
-        lines = [
-            self.axis.plot([], [], marker=marker, color="white", mec=colour, ls="none", ms=7, label=kind)[0]
-            for kind, (marker, colour) in kinds.items()
-            if self.scene.get(kind)
-        ]
+        shown = {kind: look for kind, look in kinds.items() if self.scene.get(kind)}
+        look = dict(color="white", ls="none", ms=7)
+        lines = [Line2D([], [], marker=marker, mec=colour, label=kind, **look) for kind, (marker, colour) in shown.items()]
+        colours = [colour for _, colour in shown.values()]
         if lines:
-            found = self.axis.figure.legend(handles=lines, loc="outside lower center", ncol=5, fontsize=8)
-            for text, line in zip(found.get_texts(), lines):
-                text.set_color(line.get_markeredgecolor())
+            self.axis.figure.legend(handles=lines, loc="outside lower center", ncol=5, fontsize=8, labelcolor=colours)
 
 
 def draw(figures: dict, title: str | None = None) -> Figure:
@@ -226,9 +219,8 @@ def _drawn(figures: dict, title: str | None) -> Figure:
     scene, model = figures["scene"], figures["model"]
     if title is None:
         mobility = f", rigid mobility {figures['rigid_mobility']}" if figures.get("rigid_mobility") is not None else ""
-        title = f"{figures['title'] or figures['deck']}\n{model['coordinates']} coordinates, " + (
-            f"{model['dissipative_coordinates']} dissipative, {model['degrees_of_freedom']} degrees of freedom{mobility}"
-        )
+        title = f"{figures['title'] or figures['deck']}\n{model['coordinates']} coordinates, "
+        title += f"{model['dissipative_coordinates']} dissipative, {model['degrees_of_freedom']} degrees of freedom{mobility}"
     with mpl.rc_context(LOOK | {"axes.grid": False}):
         figure, axis = subplots(figsize=(8.0, 5.5))
         picture = ScenePicture(axis, scene)
@@ -236,7 +228,7 @@ def _drawn(figures: dict, title: str | None) -> Figure:
         figure.set_size_inches(8.0, float(np.clip(7.2 * shape + 1.2, 3.0, 9.0)))
         picture.draw()
         axis.set_title("\n".join(filter(None, [title, axis.get_title()])), fontsize=9)
-        picture.name_all()
+        labels.write(axis, picture.labels)  # once everything else stands where it stays
     return figure
 
 

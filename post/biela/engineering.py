@@ -56,10 +56,7 @@ def of_motion(scene: Mechanism, lengths: dict[str, float]) -> Iterator[tuple[str
 
 
 def of_history(table: History, deck: Deck, rounding: set[str], stops: dict[str, float]) -> Iterator[tuple[str, str]]:
-    """Yield the largest values of sensors, of stresses with element or node; not of columns that hold rounding.
-
-    `stops` has the largest force of each by steps, between rows too; it is empty where only some rows count.
-    """
+    """Yield largest values of sensors, not rounding; `stops`: largest forces by steps, none where rows are left out."""
     groups = {group.name: group for group in deck.all("sensor")}
     for name in table.names[1:]:
         sensor, _, part = name.rpartition(".")
@@ -87,12 +84,6 @@ def of_pairs(transient: dict) -> Iterator[tuple[str, str]]:
         yield f"contact force, joint {pair['name']}", words + pulls
 
 
-def drive_angle(drive: dict, motion: Mechanism) -> np.ndarray:
-    """Return the angle of a rotational drive [rad]."""
-    turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
-    return turns[0] - (turns[1] if len(turns) > 1 else 0.0)
-
-
 def turning_drives(scene: dict, deck: Deck) -> dict[str, dict]:
     """Return the rotational drives whose reactions sensors measure, by the sensor's name in lower case."""
     drives = {drive["name"].lower(): drive for drive in scene["drives"] if drive["kind"] == "rotation"}
@@ -101,10 +92,7 @@ def turning_drives(scene: dict, deck: Deck) -> dict[str, dict]:
 
 
 def of_drives(table: History, drives: dict[str, dict], deck: Deck, motion: Mechanism | None) -> Iterator[tuple[str, str]]:
-    """Yield torque, power and energy of each rotational drive whose reaction is measured and whose turn is known.
-
-    Sensors of power and work say theirs, of whatever has such sensors.
-    """
+    """Yield torque, power, work of rotational drives whose reaction is measured, and what sensors of power and work say."""
     names = {name.lower(): name for name in table.names}
     stated = set()
     for group in deck.all("sensor"):
@@ -125,7 +113,8 @@ def of_drives(table: History, drives: dict[str, dict], deck: Deck, motion: Mecha
         yield f"torque of drive {drive['name']}", f"{_peak(table.time, torque, 'Nm') or '0 N m'}; mean {mean:.4g} N m"
         if motion is None or len(motion.time) < 3:
             continue
-        angle = drive_angle(drive, motion)
+        turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
+        angle = turns[0] - (turns[1] if len(turns) > 1 else 0.0)  # [rad]
         inside = (table.time >= motion.time[0]) & (table.time <= motion.time[-1])
         from scipy.interpolate import CubicSpline  # takes longer to load than all else here
 
@@ -202,39 +191,10 @@ def modulus_picture(name: str, law: Material, band: tuple[float, float], frequen
         axes[1].set(ylabel="loss factor [-]", xlabel="frequency [Hz]", ylim=(0.0, None))
         for axis in axes:
             axis.margins(x=0.0)
-            for k, frequency in enumerate(inside):
-                axis.axvline(frequency, color=COLOURS[1], lw=0.8, ls="--", label="modes" if axis is axes[0] and k == 0 else None)
+            lines = [axis.axvline(frequency, color=COLOURS[1], lw=0.8, ls="--") for frequency in inside]
         if inside:
-            axes[0].legend(loc="upper left")
-        left_out = (
-            f", {len(frequencies) - len(inside)} of {len(frequencies)} modes outside" if len(inside) < len(frequencies) else ""
-        )
+            axes[0].legend(lines[:1], ["modes"], loc="upper left")
+        outside = len(frequencies) - len(inside)
+        left_out = f", {outside} of {len(frequencies)} modes outside" if outside else ""
         figure.suptitle(f"{name}: {band[0]:.4g} to {band[1]:.4g} Hz{left_out}", fontsize=10)
-    return figure
-
-
-DAMPING = "materials and dampers"
-GROUPS = {DAMPING: COLOURS[0], "friction": COLOURS[1], "stops": COLOURS[3]}  # from the bottom to the top
-
-
-def parts(table: History) -> dict[str, np.ndarray]:
-    """Return what each group has lost at each time [J], as far as it has lost anything; their sum is what was dissipated."""
-    found = {name: np.asarray(table[name]) for name in ("friction", "stops") if name in table.names}
-    found[DAMPING] = np.asarray(table["dissipated"]) - sum(found.values(), np.zeros(len(table.time)))
-    rounding = 1e-9 * float(np.abs(table["dissipated"]).max())
-    return {name: found[name] for name in GROUPS if name in found and np.abs(found[name]).max() > rounding}
-
-
-def loss_picture(table: History) -> Figure | None:
-    """Draw the energies lost over time, one on top of the other; None without losses."""
-    shown = parts(table)
-    if not shown:
-        return None
-    total = float(table["dissipated"][-1])
-    with mpl.rc_context(LOOK):
-        figure, axis = subplots(figsize=(8.0, 2.8))
-        words = [f"{name}: {100.0 * energy[-1] / total:.3g} %" if total > 0.0 else name for name, energy in shown.items()]
-        axis.stackplot(table.time, *shown.values(), colors=[GROUPS[name] for name in shown], linewidth=0, labels=words)
-        axis.set(xlabel="t [s]", ylabel="energy lost [J]", xmargin=0.0)
-        figure.legend(loc="outside upper center", ncols=len(shown))
     return figure

@@ -22,10 +22,9 @@ def cycles(values: np.ndarray) -> np.ndarray:
 
 
 def damage(counted: np.ndarray, strength: float, borne: float, slope: float, ultimate: float = np.inf) -> float:
-    """Return the share of a life that cycles use up (Palmgren, Miner), on a line of Basquin without a limit.
+    """Return the share of a life that cycles use up (Palmgren, Miner): the amplitude `strength` is borne `borne` times (Basquin).
 
-    The amplitude `strength` is borne `borne` times, others by the power `slope`. Amplitudes are divided by 1 - mean/ultimate
-    (Goodman) where means are positive; both in the unit of the ranges.
+    Amplitudes are divided by 1 - mean/ultimate (Goodman) where means are positive; all in the unit of the ranges.
     """
     ranges, means, counts = counted.T
     left = 1.0 - np.maximum(means, 0.0) / ultimate

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -46,6 +48,12 @@ class Tabular:
         import pandas
 
         return pandas.DataFrame(self.rows, columns=list(self.head))
+
+    def draw(self, name: str) -> Iterator[Path]:
+        """Draw its picture into its folder when it is asked for."""
+        from .picture_files import save
+
+        yield save(self.picture(), self.folder / name)
 
     def _repr_html_(self) -> str:
         report = getattr(self, "report", None)

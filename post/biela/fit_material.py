@@ -14,7 +14,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from . import material_data
-from .deck import Group
 from .deck import read as read_deck
 from .master_curve import MasterCurve, master_curve
 from .material_data import DataError, Measurements
@@ -44,8 +43,7 @@ class Options:
     name: str | None = None  # of the material; None: that of the table's file
     density: float | None = None  # that the deck's lines state [kg/m3]
     band: tuple[float, float] | None = None  # frequencies that are used [Hz]; None: all
-    # names of columns that are not the usual ones, by what they hold (the keys of `material_data.USUAL`)
-    columns: dict[str, str] = field(default_factory=dict)
+    columns: dict[str, str] = field(default_factory=dict)  # names of unusual columns, by the keys of `material_data.USUAL`
     units: str = ""  # of the columns where the table has none: 'Hz,MPa,MPa,C'
     tolerance: float = 0.5  # temperatures this near are one [K]
     shift: str | None = None  # law of the shift, 'free', 'wlf' or 'arrhenius'; None: wlf, of two temperatures free
@@ -76,8 +74,7 @@ class MaterialFit:
     density: float | None  # [kg/m3], None where it was not given
     band: tuple[float, float]  # frequencies of the data [Hz]
     shift: str  # the deck's keys of the temperature
-    # (label, frequencies [Hz], complex moduli [Pa]) of the measurements, at the reference temperature
-    points: list[tuple[str, np.ndarray, np.ndarray]]
+    points: list[tuple[str, np.ndarray, np.ndarray]]  # label, frequencies [Hz], moduli [Pa] of the data, at the reference
     notes: list[str]  # what the deck's comment says: source, errors by decade, shifts
     curve: MasterCurve | None = None  # of several temperatures, None of one
 
@@ -89,7 +86,11 @@ class MaterialFit:
     @property
     def text(self) -> str:
         """The lines of a deck: comments, then the `&material` group."""
-        return material_lines(self.material, self.name, self.density or 1000.0, self.notes, self.band, self.shift)
+        values, (low, high) = self.material.assignments(), self.band
+        lists = [f"          {key} = {values[key]}" for key in (*GHM_KEYS, *MAXWELL_KEYS) if key in values]
+        head = f"&material name='{self.name}' density={self.density or 1000.0:g} young={values['young']} "
+        lists = "\n".join([f"{head}band={low:.6g},{high:.6g}{self.shift}", *lists])
+        return "".join(f"! {note}\n" for note in self.notes) + f"\n{lists} /\n"
 
     def picture(self) -> Figure:
         """Draw storage modulus, loss factor and the terms over frequency."""
@@ -109,13 +110,6 @@ class MaterialFit:
         return f"<pre>{html.escape(self.text)}</pre>"
 
 
-def read_material(source: Path, name: str | None, biela: Path) -> tuple[Group, tuple[float, float]]:
-    """Return the deck's material, a_T and b_T of its temperature; DeckError."""
-    deck = read_deck(source, biela=biela)
-    group = deck.one("material", (name or "").lower())
-    return group, moved(group, deck)
-
-
 def chosen_fit(options: Options, frequency: np.ndarray, modulus: np.ndarray) -> tuple[Fit, list[str]]:
     """Return the fit that the options ask for, and lines that say how it was chosen."""
     fastest = options.fastest_pole or DECADE * 2.0 * np.pi * frequency.max()
@@ -133,11 +127,9 @@ def chosen_fit(options: Options, frequency: np.ndarray, modulus: np.ndarray) -> 
     least = max(options.target, NEAR * min(one.error for one in tried))
     best = min((one for one in tried if one.error <= least), key=lambda one: (one.material.internal_variables, one.error))
     other = tried[0] if best is tried[1] else tried[1]
-    comparison = "; ".join(
-        f"{law_of(one.material)}: {100 * one.error:.3g} % with {one.material.internal_variables} internal variables"
-        for one in (best, other)
-    )
-    return best, [f"law chosen: {comparison}"]
+    words = "{}: {:.3g} % with {} internal variables"
+    told = [words.format(law_of(one.material), 100 * one.error, one.material.internal_variables) for one in (best, other)]
+    return best, ["law chosen: " + "; ".join(told)]
 
 
 def law_of(material: Material) -> str:
@@ -149,12 +141,9 @@ def errors_by_decade(material: Material, frequency: np.ndarray, modulus: np.ndar
     """Return 'low to high Hz: error of the modulus, of the loss factor' for each decade of the data."""
     error, fitted = relative_error(material, frequency, modulus), material.modulus(frequency)
     loss = fitted.imag / fitted.real * modulus.real / modulus.imag - 1.0
-    decades = np.floor(np.log10(frequency) + 1.0e-9).astype(int)
-    return [
-        f"{10.0**k:g} to {10.0 ** (k + 1):g} Hz {100 * rms(error[decades == k]):.2g} %, "
-        f"loss factor {100 * rms(loss[decades == k]):.2g} %"
-        for k in np.unique(decades)
-    ]
+    decades, words = np.floor(np.log10(frequency) + 1.0e-9).astype(int), "{:g} to {:g} Hz {:.2g} %, loss factor {:.2g} %"
+    parts = [(k, 100 * rms(error[decades == k]), 100 * rms(loss[decades == k])) for k in np.unique(decades)]
+    return [words.format(10.0**k, 10.0 ** (k + 1), *both) for k, *both in parts]
 
 
 def falling_storage(material: Material, band: tuple[float, float]) -> list[str]:
@@ -177,16 +166,6 @@ def outside_poles(material: Material, band: tuple[float, float]) -> list[str]:
         return []
     where = ", ".join(f"{pole:.3g}" for pole in np.sort(outside))
     return [f"{outside.size} of {poles.size} terms act outside the band, at {where} Hz: the data see their flanks alone"]
-
-
-def material_lines(
-    material: Material, name: str, density: float | None, notes: list[str], band: tuple[float, float], shift: str
-) -> str:
-    """Return the lines of a deck: comments, then the `&material` group."""
-    values = material.assignments()
-    lists = [f"          {key} = {values[key]}" for key in (*GHM_KEYS, *MAXWELL_KEYS) if key in values]
-    head = f"&material name='{name}' density={density:g} young={values['young']} band={band[0]:.6g},{band[1]:.6g}{shift}"
-    return "\n".join([*(f"! {note}" for note in notes), "", "\n".join([head, *lists]) + " /"]) + "\n"
 
 
 def picture(material: Material, title: str, band: tuple[float, float], points: list[tuple[str, np.ndarray, np.ndarray]]) -> Figure:
@@ -270,10 +249,8 @@ def as_measured(data: Measurements) -> list[str]:
         fall = float((np.maximum.accumulate(storage) - storage).max())
         if fall > min(max(0.01, 4.0 * np.sqrt(2.0) * scatter), 0.1):
             where = f" at {data.name(data.temperatures[k])}" if data.temperatures.size else ""
-            notes.append(
-                f"warning: the measured storage modulus{where} falls by {100.0 * (1.0 - np.exp(-fall)):.2g} % while the frequency "
-                "rises, which that of a relaxing material never does"
-            )
+            words = f"warning: the measured storage modulus{where} falls by {100.0 * (1.0 - np.exp(-fall)):.2g} % while the"
+            notes.append(f"{words} frequency rises, which that of a relaxing material never does")
     return notes
 
 
@@ -299,7 +276,7 @@ def fit_table(source: str | Path, options: Options) -> MaterialFit:
 
 def convert(source: Path, options: Options, biela: Path) -> MaterialFit:
     """Fit terms of another law to the modulus of a deck's material, over a band; DataError, DeckError."""
-    group, _ = read_material(source, options.name, biela)
+    group = read_deck(source, biela=biela).one("material", (options.name or "").lower())
     material = of_group(group)
     said = {key: ",".join(f"{value:.8g}" for value in group.numbers(key)) for key in SHIFT_KEYS}
     shift = "".join(f" {key}={values}" for key, values in said.items() if values)
@@ -379,8 +356,9 @@ def write(found: MaterialFit, stem: Path) -> tuple[Path, Path]:
 
 def show_material(args: argparse.Namespace) -> int:
     """Draw a deck's material and print its modulus; DataError, DeckError."""
-    group, factors = read_material(args.source, args.name, args.biela)
-    name, material = group.word("name"), of_group(group, *factors)
+    deck = read_deck(args.source, biela=args.biela)
+    group = deck.one("material", (args.name or "").lower())
+    name, material = group.word("name"), of_group(group, *moved(group, deck))
     band = tuple(args.band or band_of(material))
     stem = args.output or args.source.with_name(f"{args.source.stem}_modulus")
     drawn = save(picture(material, f"{name}: {law_of(material)}", band, []), stem)

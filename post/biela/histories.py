@@ -1,9 +1,4 @@
-"""The one reader of biela's results: history.txt, energy.txt, motion.txt, and comma-separated references.
-
-A results file has comment lines that start with `#`, the last of them `# columns: t[s] name[unit] ...`, then one row of
-numbers a line, separated by blanks. A reference has the names on its first line and commas between; it needs no units.
-Every fault is a `HistoryError` of one line, the file and where possible the line in front.
-"""
+"""The one reader of biela's results and of comma-separated tables; each fault is a `HistoryError` of one line, the file first."""
 
 from __future__ import annotations
 
@@ -110,13 +105,10 @@ class History:
         """Return the names that shell patterns select, in file order; without patterns all but the first; HistoryError: none."""
         if not patterns:
             return self.names[1:]
-        chosen = set()
-        for pattern in patterns:
-            found = fnmatch.filter(self.names, pattern)
-            if not found:
-                raise HistoryError(f"{self.path}: no column matches {pattern!r}; {self._known_columns()}")
-            chosen.update(found)
-        return [name for name in self.names if name in chosen]
+        found = {pattern: fnmatch.filter(self.names, pattern) for pattern in patterns}
+        for pattern in (pattern for pattern, names in found.items() if not names):
+            raise HistoryError(f"{self.path}: no column matches {pattern!r}; {self._known_columns()}")
+        return [name for name in self.names if any(name in names for names in found.values())]
 
     def _known_columns(self) -> str:
         shown = ", ".join(self.names[:12])
@@ -124,11 +116,7 @@ class History:
 
 
 def read(source: str | Path, kind: str = "history") -> History:
-    """Read a results file, a reference (`.csv`), or the file of a kind ('history', 'energy', 'motion', ...) in a results folder.
-
-    HistoryError: the file is missing, has no column names, no rows, a row of the wrong length, a word that is no finite number, or
-    a time that does not increase. Numbers of large tables are right to an ulp or two.
-    """
+    """Read a results file, a table (`.csv`), or the file of a kind ('history', 'energy', ...) in a results folder; HistoryError."""
     path = Path(source)
     if path.is_dir():
         path = path / RESULT_FILES[kind]
@@ -147,17 +135,17 @@ def read(source: str | Path, kind: str = "history") -> History:
         raise HistoryError(f"{path}: cannot be read as text ({fault})") from None
     except MemoryError:
         raise HistoryError(f"{path}: is larger than the memory") from None
-    _check_order(path, names[0], data[:, 0])
+    back = np.flatnonzero(np.diff(data[:, 0]) <= 0.0)
+    if back.size:
+        raise HistoryError(f"{path}: {names[0]} does not increase after row {back[0] + 1} ({names[0]} = {data[back[0], 0]:g})")
     return History(path, names, dict(columns), data)
 
 
 def _head(path: Path, separator: str | None) -> list[str]:
     """Return the lines of a file before its rows."""
-    lines = []
     with path.open("rb") as file:
-        for line in itertools.islice(file, 1) if separator else itertools.takewhile(lambda one: one.startswith(b"#"), file):
-            lines.append(line.decode("utf-8-sig", "replace").rstrip("\r\n"))
-    return lines
+        lines = itertools.islice(file, 1) if separator else itertools.takewhile(lambda one: one.startswith(b"#"), file)
+        return [line.decode("utf-8-sig", "replace").rstrip("\r\n") for line in lines]
 
 
 class Event(NamedTuple):
@@ -172,14 +160,11 @@ class Event(NamedTuple):
 
 def read_events(folder: str | Path) -> list[Event]:
     """Read the events of a run; a scene in which nothing switches leaves no such file, and has none; HistoryError: damaged."""
-    path = Path(folder) / EVENTS
+    path, events = Path(folder) / EVENTS, []
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    except FileNotFoundError:
-        return []
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines() if path.exists() else []
     except OSError as fault:
         raise HistoryError(f"{path}: cannot be read as text ({fault})") from None
-    events = []
     for number, line in enumerate(lines, 1):
         words = line.split()
         if not words or line.startswith("#"):
@@ -192,13 +177,13 @@ def read_events(folder: str | Path) -> list[Event]:
 
 def common_still(runs: list[History]) -> dict[str, float] | None:
     """Return the columns of `still_columns` that stand still at one value in all runs; none where a run has no such list."""
-    found = []
-    for run in runs:
-        try:
-            found.append(still_columns(read_summary(run.path.parent)) if run.path.name == RESULT_FILES["history"] else None)
-        except HistoryError:
-            found.append(None)
-    if not found or any(one is None for one in found):
+    try:
+        if not all(run.path.name == RESULT_FILES["history"] for run in runs):
+            return None
+        found = [still_columns(read_summary(run.path.parent)) for run in runs]
+    except HistoryError:
+        return None
+    if None in found:
         return None
     return {name: value for name, value in found[0].items() if all(one.get(name) == value for one in found)}
 
@@ -249,11 +234,8 @@ def _why_missing(path: Path) -> str:
 
 def _header(path: Path, lines: list[str], separator: str | None) -> list[tuple[str, str]]:
     """Return name and unit of each column, from the lines before the rows."""
-    if separator:
-        words = "".join(lines).split(separator)
-    else:
-        heads = [line for line in lines if line.startswith(HEADER)]
-        words = heads[-1][len(HEADER) :].split() if heads else []
+    heads = [line[len(HEADER) :] for line in lines if line.startswith(HEADER)]
+    words = "".join(lines).split(separator) if separator else "".join(heads[-1:]).split()
     if not any(words):
         wanted = "names on its first line" if separator else f"a line {HEADER!r}"
         raise HistoryError(f"{path}: is no history: {wanted} expected")
@@ -303,10 +285,3 @@ def _finite(word: str) -> bool:
         return bool(np.isfinite(float(word)))
     except ValueError:
         return False
-
-
-def _check_order(path: Path, name: str, values: np.ndarray) -> None:
-    """Refuse a file whose first column does not increase from row to row."""
-    back = np.flatnonzero(np.diff(values) <= 0.0)
-    if back.size:
-        raise HistoryError(f"{path}: {name} does not increase after row {back[0] + 1} ({name} = {values[back[0]]:g})")

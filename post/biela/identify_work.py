@@ -16,7 +16,7 @@ from .figures import Tabular
 from .result_files import HistoryError, remove_noted
 from .sweep_run import settings_of
 from .sweep_study import Study, StudyOptions
-from .sweep_work import prepare, write_table
+from .sweep_work import prepare, tell, write_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,10 +30,7 @@ HEADER = ("parameter", "unit", "value", "from", "to")
 
 @dataclass(frozen=True)
 class Identified(Tabular):
-    """Parameters that explain what was measured.
-
-    The errors of what was measured are taken as independent and normal, the model as right and linear within the intervals.
-    """
+    """Parameters that explain what was measured: its errors count as independent and normal, the model as right and linear."""
 
     study: Study  # of the parameters, and of the results with what was measured
     space: Space  # of its designs
@@ -69,8 +66,8 @@ class Identified(Tabular):
     def intervals(self) -> dict[str, tuple[float, float]]:
         """Ends by name, between which each true value lies with a chance of 95 %; far out where the data tell nothing."""
         half = self.factor * np.sqrt(np.diagonal(self.covariance))
-        return {one.name: tuple(self.space.beyond(k, self.position[k] + side * half[k]) for side in (-1.0, 1.0))
-                for k, one in enumerate(self.space.free)}  # fmt: skip
+        ends = zip(self.position - half, self.position + half)
+        return {one.name: tuple(self.space.beyond(k, x) for x in both) for k, (one, both) in enumerate(zip(self.space.free, ends))}
 
     @property
     def untold(self) -> list[dict[str, float]]:
@@ -141,8 +138,8 @@ def identify(options: StudyOptions) -> Identified:
     notes = list(search.notes) + runs.journal.warnings
     if stated and stats.chi2.sf(misfit**2 * degrees, degrees) < 1.0e-3:
         notes.append("the differences are larger than the stated errors allow: the model or these are wrong; intervals too small")
-    notes += [f"{one.name} is at an end of its range: its interval does not hold" for one, unit in zip(space.free, position)
-              if min(unit, 1.0 - unit) < INSIDE]  # fmt: skip
+    at_ends = [one.name for one, unit in zip(space.free, position) if min(unit, 1.0 - unit) < INSIDE]
+    notes += [f"{name} is at an end of its range: its interval does not hold" for name in at_ends]
     known = (study, space, best, position, directions, singular, factor, degrees, misfit, stated, runs.units)
     found = Identified(*known, folder, notes)
     remove_noted(folder)
@@ -215,10 +212,6 @@ class _Search:
 def work(args: argparse.Namespace) -> int:
     """Identify, print and draw; returns 0, or 1 where there is something that the data do not tell."""
     found = identify(options_of(args, StudyOptions))
-    print("\n".join(found.report))
-    print(f"table, deck: {found.folder}/table.csv, identified.nml")
-    if not args.no_pictures:
-        from .picture_files import save
-
-        print(f"picture: {save(found.picture(), found.folder / 'identified.png')}")
+    lines = [*found.report, f"table, deck: {found.folder}/table.csv, identified.nml"]
+    tell("identify", [], lines, [] if args.no_pictures else found.draw("identified.png"))
     return int(bool(found.untold))

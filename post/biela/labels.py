@@ -36,8 +36,8 @@ def obstacles(axis: Axes) -> tuple[list[np.ndarray], np.ndarray]:
             pieces = np.split(points, np.flatnonzero(np.isnan(points).any(axis=1)))
             lines += [piece for piece in (piece[~np.isnan(piece).any(axis=1)] for piece in pieces) if len(piece) > 1]
     back = axis.transData.inverted()
-    lines += [back.transform(patch.get_transform().transform_path(patch.get_path()).to_polygons(closed_only=False)[0])
-              for patch in axis.patches if len(patch.get_path().vertices) > 1]  # fmt: skip
+    paths = [one.get_transform().transform_path(one.get_path()) for one in axis.patches if len(one.get_path().vertices) > 1]
+    lines += [back.transform(path.to_polygons(closed_only=False)[0]) for path in paths]
     for text in axis.texts:
         if isinstance(text, Annotation) and text.arrow_patch is not None:
             lines.append(back.transform(text.arrow_patch.get_transform().transform_path(text.arrow_patch.get_path()).vertices))
@@ -62,27 +62,14 @@ def write(axis: Axes, labels: list[Label]) -> list[Text]:
     if not labels:
         return []
     figure, points = axis.figure, np.array([label.at for label in labels])
-    colours = [label.colour for label in labels]
+    colours, words = [label.colour for label in labels], [label.text for label in labels]
+    look = dict(textsize=SIZE, textcolor=colours, linecolor=colours, linewidth=0.5, min_distance=0.012, max_distance=0.3, zorder=9)
     while True:
         figure.lay_out()
         lines, marks = obstacles(axis)
-        marks = np.concatenate([marks, points])
-        _, _, texts, leaders = textalloc.allocate(
-            axis,
-            *points.T,
-            [label.text for label in labels],
-            x_scatter=marks[:, 0],
-            y_scatter=marks[:, 1],
-            x_lines=[line[:, 0] for line in lines],
-            y_lines=[line[:, 1] for line in lines],
-            textsize=SIZE,
-            textcolor=colours,
-            linecolor=colours,
-            linewidth=0.5,
-            min_distance=0.012,
-            max_distance=0.3,
-            zorder=9,
-        )
+        x, y = np.concatenate([marks, points]).T
+        taken = dict(x_scatter=x, y_scatter=y, x_lines=[line[:, 0] for line in lines], y_lines=[line[:, 1] for line in lines])
+        _, _, texts, leaders = textalloc.allocate(axis, *points.T, words, **taken, **look)
         size = figure.get_size_inches() * GROWTH
         apart = not overlaps([(text.get_text(), text.get_window_extent().extents) for text in texts])
         if apart or max(size) > LARGEST_SIDE:

@@ -1,10 +1,8 @@
 """Shifts moduli measured at several temperatures onto one curve (time-temperature superposition; Ferry 1980).
 
-At the temperature T a frequency f acts as a_T f at the reference temperature. How far neighbouring sets have to be shifted follows
-from their overlap alone: both together have to be the modulus of one relaxing material, a sum of relaxations with no negative
-weight. Where that is met as well by sets that stand apart, their overlap leaves the shift open, and that of the neighbours, by
-kelvin, takes its place. Then all shifts that are known, or the constants of a law, are refined together. Each row is shifted by
-its own temperature.
+At the temperature T a frequency f acts as a_T f at the reference. How far neighbouring sets are shifted follows from their overlap:
+both together have to be one sum of relaxations with no negative weight. Where sets apart meet that as well, the overlap leaves the
+shift open, and that of the neighbours, by kelvin, takes its place. Then all that is known is refined together.
 """
 
 from __future__ import annotations
@@ -33,15 +31,11 @@ class MasterCurve:
     temperatures: np.ndarray  # of the sets, ascending [K]
     shifts: np.ndarray  # log10 a_T of each set
     overlaps: np.ndarray  # log10 a_T of each set as its overlap with its neighbours alone says, nan where that leaves it open
-    # standard error of log10 a_T of each set, as the scatter about the curve gives it; infinite of free factors that an open step
-    # parts from the reference
-    errors: np.ndarray
+    errors: np.ndarray  # standard error of log10 a_T of each set by the scatter; infinite of free factors beyond an open step
     misfits: np.ndarray  # root mean square of the relative errors of storage and loss modulus, of each set
     constants: np.ndarray  # C1 [-] and C2 [K] of WLF, the activation energy of Arrhenius [kJ/mol], else empty
     frequency: np.ndarray  # of each row at the reference temperature [Hz]
-    # index of the colder set, least and largest log10 a_T of the warmer one beside it, of each pair whose overlap leaves their
-    # shift open
-    open: list[tuple[int, float, float]]
+    open: list[tuple[int, float, float]]  # colder set, least and largest log10 a_T of the next, of pairs whose shift is open
 
     def shift(self, temperature: float) -> float:
         """Return log10 a_T of a temperature between the measured ones [K]."""
@@ -67,8 +61,8 @@ def master_curve(data: Measurements, law: str, reference: float) -> MasterCurve:
     if known.sum() < CONSTANTS[law]:
         k = int(np.argmin(known))
         names = " and ".join(data.name(t) for t in sets[k : k + 2])
-        raise DataError(f"the curves at {names} do not overlap: apart they are as good a modulus ({off[k]:.2g} %), so that their "
-                        "shift is not known, and those of their neighbours are too few to take it from")  # fmt: skip
+        words = f"the curves at {names} do not overlap: apart they are as good a modulus ({off[k]:.2g} %), so that their shift"
+        raise DataError(f"{words} is not known, and those of their neighbours are too few to take it from")
     middle, apart = 0.5 * (sets[1:] + sets[:-1]), np.diff(sets)
     steps[~known] = np.interp(middle[~known], middle[known], (steps / apart)[known]) * apart[~known]
     chain = np.append(0.0, np.cumsum(steps))
@@ -116,10 +110,7 @@ def master_curve(data: Measurements, law: str, reference: float) -> MasterCurve:
 
 
 def _step(data: Measurements, k: int) -> tuple[float, float, float, float]:
-    """Return log10 a_T of the set k + 1 beside the set k by their overlap, the ends between which it lies, and its misfit [%].
-
-    An end is infinite where sets that stand apart are as good a modulus as sets that overlap.
-    """
+    """Return log10 a_T of set k + 1 beside set k by their overlap, its ends (infinite: sets apart are as good), misfit [%]."""
     cold, warm = data.group == k, data.group == k + 1
     low, high = (np.log10(data.frequency[part]) for part in (cold, warm))
     modulus = np.append(data.modulus[cold], data.modulus[warm])

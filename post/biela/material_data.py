@@ -1,12 +1,9 @@
-"""Reads measured complex moduli: a table of frequency, storage modulus, loss modulus or loss factor, temperature and set.
-
-The first line names the columns, `f,E_stor,E_loss[,T]` or others that the caller names; the units stand in brackets behind
-the names or on a line of their own. Every fault is a `DataError` of one line, the file and where possible the line in front.
-"""
+"""Reads measured complex moduli: a table of frequency, storage and loss modulus or loss factor, temperature, set; DataError."""
 
 from __future__ import annotations
 
 import csv
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,11 +55,7 @@ class Measurements:
 
 
 def read(path: Path, names: dict[str, str] | None = None, units: str = "", tolerance: float = 0.5) -> Measurements:
-    """Read a table, columns separated by commas, semicolons, tabs or blanks; DataError: it cannot be read, or is no modulus.
-
-    `names` has names of columns that are not usual, by the keys of USUAL; units ('Hz,MPa,MPa,C') count where the table states none;
-    temperatures that differ by less than the tolerance [K] are one, measured with scatter.
-    """
+    """Read a table; `names`: of columns by keys of USUAL; units where it has none; temperatures within a tolerance [K] are one."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
@@ -77,7 +70,7 @@ def read(path: Path, names: dict[str, str] | None = None, units: str = "", toler
     columns = [found["name"] if found else word for found, word in zip(headings, rows[0][1])]
     stated = [found["unit"] if found else None for found in headings]
     rows = rows[1:]
-    if rows and not any(_is_number(word) for word in rows[0][1]):
+    if rows and np.isnan([_number(word) for word in rows[0][1]]).all():
         stated = [word.strip("[]() ") for word in rows.pop(0)[1]]
     where = _find_columns(path, columns, names or {})
     scale = _scales(path, where, stated, [word.strip() for word in units.split(",")] if units else [])
@@ -92,12 +85,11 @@ def _split(line: str, first: str) -> list[str]:
     return [word.replace(",", ".") for word in words] if separator == ";" else words
 
 
-def _is_number(word: str) -> bool:
+def _number(word: str) -> float:
     try:
-        float(word)
+        return float(word)
     except ValueError:
-        return False
-    return True
+        return math.nan
 
 
 def _find_columns(path: Path, columns: list[str], names: dict[str, str]) -> dict[str, int]:
@@ -111,13 +103,11 @@ def _find_columns(path: Path, columns: list[str], names: dict[str, str]) -> dict
             where[quantity] = low.index(names[quantity].lower())
         elif found := [k for k, column in enumerate(low) if column in usual]:
             where[quantity] = found[0]
-    if "loss" in names:
-        where.pop("factor", None)
-    elif "factor" in names:
-        where.pop("loss", None)
+    if "loss" in names or "factor" in names:
+        where.pop("factor" if "loss" in names else "loss", None)
     missing = [quantity for quantity in ("frequency", "storage") if quantity not in where]
-    if missing or not {"loss", "factor"} & set(where):
-        missing = missing or ["loss"]
+    missing += [] if {"loss", "factor"} & set(where) else ["loss"]
+    if missing:
         raise DataError(f"{path}: no column of {missing[0]} found among {', '.join(columns)}; name it with --{missing[0]}")
     return where
 
@@ -126,7 +116,7 @@ def _scales(path: Path, where: dict[str, int], stated: list[str | None], given: 
     """Return what each quantity's numbers are multiplied by (temperature: what is added), from their units."""
     kinds = {"frequency": FREQUENCY_UNITS, "storage": MODULUS_UNITS, "loss": MODULUS_UNITS, "factor": RATIO_UNITS}
     kinds["temperature"] = TEMPERATURE_UNITS
-    order = [quantity for quantity in ("frequency", "storage", "loss", "factor", "temperature") if quantity in where]
+    order = [quantity for quantity in kinds if quantity in where]
     scale = {}
     for quantity in order:
         k = where[quantity]
@@ -153,7 +143,7 @@ def _measurements(path: Path, rows: list, where: dict, scale: dict, width: int, 
         for quantity, k in where.items():
             if quantity == "set":
                 continue
-            if not _is_number(words[k]) or not np.isfinite(float(words[k])):
+            if not np.isfinite(_number(words[k])):
                 raise DataError(f"{path}:{number}: {words[k]!r} is no finite number ({quantity})")
             row[quantity] = float(words[k]) * (1.0 if quantity == "temperature" else scale[quantity])
             if quantity != "temperature" and not LEAST <= row[quantity] <= LARGEST:
@@ -179,10 +169,7 @@ def _measurements(path: Path, rows: list, where: dict, scale: dict, width: int, 
 
 
 def _groups(path: Path, kelvin: np.ndarray, labels: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the index of each row's temperature, from cold to warm: that of its set, or of rows whose temperatures are one.
-
-    Rows of one set count with its mean temperature. Neighbouring temperatures with no gap above the tolerance between them are one.
-    """
+    """Return the index of each row's temperature, from cold to warm: that of its set, or of what no gap parts."""
     if np.isnan(kelvin).any():
         return np.zeros(kelvin.size, dtype=int)
     nominal = kelvin.copy()
@@ -194,8 +181,8 @@ def _groups(path: Path, kelvin: np.ndarray, labels: np.ndarray, tolerance: float
     for k in range(group.max() + 1):
         width = np.ptp(kelvin[group == k])
         if width > 4.0 * tolerance:
-            raise DataError(
-                f"{path}: temperatures that run over {width:.3g} K count as one, no gap between them being above {tolerance:g} K: "
-                "measured while the temperature changed? A smaller --tolerance, or a column 'set', tells them apart"
+            words = (
+                f"{path}: temperatures that run over {width:.3g} K count as one, no gap between them being above {tolerance:g} K"
             )
+            raise DataError(f"{words}: measured while it changed? A smaller --tolerance, or a column 'set', tells them apart")
     return group

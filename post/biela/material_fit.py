@@ -1,9 +1,7 @@
 """Fits GHM or Maxwell terms to a complex modulus.
 
-What is made small is the relative complex error |E_fit/E - 1|, root mean square over the rows. The weights of the terms enter it
-linearly: for given poles they follow from non-negative least squares (Lawson & Hanson). Poles start from those which that
-picks on a fine grid, and from evenly spaced ones; then poles and weights together are refined by bounded non-linear
-least squares in their logarithms. All starts are fixed, so that a fit repeats itself.
+The relative complex error |E_fit/E - 1| is made small, root mean square over the rows: weights for given poles by least
+squares (Lawson & Hanson), from poles that this picks on a fine grid and from even ones; then both together, by their logarithms.
 """
 
 from __future__ import annotations
@@ -13,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares, nnls
 
+from .command import Progress
 from .material_law import Material, ghm_shapes, maxwell_shapes, pole_factor
-from .progress import Progress
 
 GRID = 6  # poles of the grid in a decade
 ZETAS = (0.3, 20.0)  # bounds of the damping ratio of a GHM term
@@ -42,10 +40,7 @@ def rms(values: np.ndarray) -> float:
 
 
 class _Law:
-    """How the parameters of one law's poles become the columns of the linear problem.
-
-    The poles of n terms are a vector of logarithms: of 1/tau, or of the fastest pole, then of zeta, for GHM.
-    """
+    """The poles of n terms of one law as a vector of logarithms: of 1/tau; for GHM of the fastest pole, then of zeta."""
 
     def __init__(self, kind: str, slowest: float, fastest: float) -> None:
         self.kind = kind
@@ -99,10 +94,7 @@ class _Law:
 
 
 def spectrum_misfit(frequency: np.ndarray, modulus: np.ndarray) -> np.ndarray:
-    """Return relative errors of storage and loss modulus, each of its own, for the best sum of relaxations of any rates.
-
-    None has a negative weight. What such a sum cannot follow is scatter, or no modulus of one linear material.
-    """
+    """Return relative errors of storage and loss modulus, each of its own, for the best sum of relaxations with weights above 0."""
     s = 2j * np.pi * frequency[:, None]
     ends = np.log10(frequency.min()) - 1.0, np.log10(frequency.max()) + 1.0
     rates = 2.0 * np.pi * np.logspace(*ends, round(GRID * (ends[1] - ends[0])))
@@ -170,8 +162,7 @@ def fit(kind: str, terms: int, frequency: np.ndarray, modulus: np.ndarray, faste
 def choose_terms(kind: str, frequency: np.ndarray, modulus: np.ndarray, fastest: float, target: float, most: int) -> Fit:
     """Return the fit of the fewest terms whose error is below the target, else of the fewest that are about as good as any.
 
-    Errors are compared per degree of freedom (two numbers a row, less two or three a term and one), so that terms which only
-    follow the scatter of the data do not win; no more terms are tried than the rows can determine.
+    Errors are compared per degree of freedom, so that terms which only follow the scatter do not win.
     """
     rows = 2 * frequency.size
     per_term = 2 if kind == "maxwell" else 3

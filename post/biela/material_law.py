@@ -43,11 +43,6 @@ class Material:
         return 2 * self.alpha.size + self.weight.size
 
     @property
-    def arrays(self) -> tuple[np.ndarray, ...]:
-        """Parameters of all terms, in the order of the attributes."""
-        return self.alpha, self.zeta, self.omega, self.weight, self.tau
-
-    @property
     def slowest_pole(self) -> float:
         """Smallest modulus of a pole of E(s) [1/s]; infinite without terms."""
         return min([np.inf, *(self.omega / pole_factor(self.zeta)), *(1.0 / self.tau)])
@@ -62,14 +57,13 @@ class Material:
         s = 2j * np.pi * np.asarray(frequency, dtype=float)[:, None]
         ghm = self.young * ghm_shapes(s, self.zeta, self.omega) * self.alpha
         maxwell = self.young * maxwell_shapes(s, self.tau) * self.weight
-        return [(f"GHM {k + 1}", curve) for k, curve in enumerate(ghm.T)] + [
-            (f"Maxwell {k + 1}", curve) for k, curve in enumerate(maxwell.T)
-        ]
+        laws = (("GHM", ghm), ("Maxwell", maxwell))
+        return [(f"{law} {k + 1}", curve) for law, curves in laws for k, curve in enumerate(curves.T)]
 
-    def assignments(self, static: str = "young") -> dict[str, str]:
-        """Return what a `&material` group says of the modulus, as text by name; `&spring` has another word for the static one."""
+    def assignments(self) -> dict[str, str]:
+        """Return what a `&material` group says of the modulus, as text by name."""
         lists = dict(zip(GHM_KEYS, (self.alpha, self.zeta, self.omega))) | dict(zip(MAXWELL_KEYS, (self.weight, self.tau)))
-        said = {static: f"{self.young:.8g}"}
+        said = {"young": f"{self.young:.8g}"}
         return said | {key: ", ".join(f"{value:.8g}" for value in values) for key, values in lists.items() if values.size}
 
 
@@ -114,28 +108,17 @@ def moved(group: Group, deck: Deck) -> tuple[float, float]:
     return 10.0**factor, 1.0 + group.number("vertical") * (temperature - reference)
 
 
-def static_key(group: Group) -> str:
-    """Return the name of the static modulus of a `&material`, or of the static stiffness of a `&spring`."""
-    if group.kind == "spring":
-        return "stiffness"
-    return "shear_modulus" if "shear_modulus" in group.values else "young"
-
-
-def over_static(group: Group) -> float:
-    """Return the static modulus over the value of `static_key`: 2 (1 + Poisson's ratio) of a shear modulus, else 1."""
-    return 2.0 * (1.0 + group.number("poisson", 0.3)) if static_key(group) == "shear_modulus" else 1.0
-
-
 def of_group(group: Group, times: float = 1.0, stiffer: float = 1.0) -> Material:
     """Return the modulus of a `&material`, the stiffness of a `&spring`, at a_T and b_T; DeckError where its lists do not fit."""
     ghm = [np.array(group.numbers(key)) for key in GHM_KEYS]
     maxwell = [np.array(group.numbers(key)) for key in MAXWELL_KEYS]
     if len({values.size for values in ghm}) > 1 or len({values.size for values in maxwell}) > 1:
         raise DeckError(f"&{group.kind} {group.name}: the lists of its terms differ in length")
-    static = static_key(group)
+    shear = "shear_modulus" in group.values
+    static = "stiffness" if group.kind == "spring" else "shear_modulus" if shear else "young"
     young = group.number(static)
     if young <= 0.0 or any((values <= 0.0).any() for values in (*ghm, *maxwell)):
         raise DeckError(f"&{group.kind} {group.name}: {static} and all terms have to be positive")
     scale = group.number("ghm_frequency_scale", 1.0) / times
     ghm[2], maxwell[1] = ghm[2] * scale, maxwell[1] / scale
-    return Material(young * over_static(group) * stiffer, *ghm, *maxwell)
+    return Material(young * stiffer * (2.0 * (1.0 + group.number("poisson", 0.3)) if shear else 1.0), *ghm, *maxwell)

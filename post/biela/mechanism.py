@@ -1,9 +1,4 @@
-"""What a picture shows of a mechanism: the bodies of motion.txt over time, joined as the solver assembled them.
-
-motion.txt holds the frame of every body (`NAME.x NAME.y NAME.angle`) and its nodes (`NAME.1.x NAME.1.y ...`). The assembled scene,
-which the solver writes into summary.json, adds what has no columns of its own: undeformed nodes, elements, markers of joints on
-rigid bodies, massless links, springs, slider lines, lumps, the ground.
-"""
+"""What a picture shows of a mechanism: the bodies of motion.txt over time, joined as the solver assembled them (summary.json)."""
 
 from __future__ import annotations
 
@@ -30,8 +25,7 @@ class Body:
     local: np.ndarray  # its nodes in its own axes [m], shape (rows, nodes, 2); no nodes on a plain rigid body
     rest: np.ndarray  # the undeformed nodes in its axes [m], shape (nodes, 2)
     elements: list[tuple[int, int]] | None = None  # pairs of node indices from 0; None: a straight beam, drawn as a smooth curve
-    # those of a rigid body that its joints, loads and sensors name [m], in its axes
-    points: list[np.ndarray] = field(default_factory=list)
+    points: list[np.ndarray] = field(default_factory=list)  # of a rigid body, that joints, loads, sensors name [m], in its axes
 
     def to_global(self, row: int, points: np.ndarray) -> np.ndarray:
         """Return points given in body axes, shape (n, 2) [m], in global axes."""
@@ -86,9 +80,9 @@ class Stop:
         if self.angular:
             x = self.a.angle(row) - self.b.angle(row)
             a = scene.position(self.pivot or self.a, row)
-            arm = direction_of(np.nanmean(scene.outline(self.a.body, row), axis=0) - a, self.a.body.frame[row, 2], half)
-            angles = [arm + limit - x for limit in limits]
-            rays = [np.array([np.cos(angle), np.sin(angle)]) for angle in angles]
+            arm = np.nanmean(scene.outline(self.a.body, row), axis=0) - a
+            along = np.arctan2(arm[1], arm[0]) if np.hypot(*arm) > half else self.a.body.frame[row, 2]
+            rays = [np.array([np.cos(along + limit - x), np.sin(along + limit - x)]) for limit in limits]
             walls = [np.array([a + half * ray, a + 4.0 * half * ray]) for ray in rays]
             return self.nearest_first(walls, x), self.beyond(x)
         if self.direction is None:
@@ -105,10 +99,6 @@ class Stop:
     def nearest_first(self, walls: list[np.ndarray], x: float) -> list[np.ndarray]:
         """Return walls at the lower and upper limit in the order of their distances from the quantity."""
         return walls[::-1] if len(walls) == 2 and self.upper - x < x - self.lower else walls
-
-    def struck_within(self, start: float, end: float) -> bool:
-        """Return whether it has touched or let go after a time and until another [s]."""
-        return bool(np.any((start < self.struck) & (self.struck <= end)))
 
     def beyond(self, x: float) -> bool:
         """Return whether a limit is reached."""
@@ -167,10 +157,7 @@ class Pair(Stop):
 
 @dataclass
 class Mechanism:
-    """Bodies and sensors' markers by name in lower case, massless links and springs as pairs of markers, slider lines, pins, lumps.
-
-    Traces are paths that are drawn whole, each of shape (rows, 2) [m].
-    """
+    """Bodies and sensors by names in lower case, links and springs (pairs), sliders, pins, lumps, paths (rows, 2) [m]."""
 
     time: np.ndarray
     bodies: dict[str, Body]
@@ -213,19 +200,14 @@ class Mechanism:
         """Return the lower left and upper right corner of all that ever moves or is fixed [m]."""
         rows = range(0, len(self.time), max(1, len(self.time) // 100))
         points = [self.outline(body, row) for row in rows for body in self.bodies.values()]
-        points += [self.position(marker, 0)[None] for pair in self.links + self.springs for marker in pair]
-        points += [self.position(base, 0)[None] for _, base, _ in self.sliders]
-        points += [self.position(marker, 0)[None] for marker in self.pins]
+        markers = [*(marker for pair in self.links + self.springs for marker in pair), *(base for _, base, _ in self.sliders)]
+        points += [self.position(marker, 0)[None] for marker in [*markers, *self.pins]]
         points += [wall for row in rows for pair in self.stops if isinstance(pair, Pair) for wall in pair.walls(self, row, 0.0)[0]]
-        everything = np.concatenate(points)
-        return np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
+        return np.nanmin(np.concatenate(points), axis=0), np.nanmax(np.concatenate(points), axis=0)
 
 
 def spline(nodes: np.ndarray) -> np.ndarray:
-    """Return points of the natural cubic spline through nodes at even stations, shape (n, 2), `PER_ELEMENT` to an interval.
-
-    Written out, because to load a library for it takes longer than the picture.
-    """
+    """Return points of the natural cubic spline through nodes, `PER_ELEMENT` an interval (scipy's takes long to load)."""
     ones = np.eye(len(nodes) - 2)
     second = np.zeros_like(nodes)
     shifted = np.eye(len(ones), k=1)
@@ -238,27 +220,20 @@ def spline(nodes: np.ndarray) -> np.ndarray:
 
 
 def hull(points: np.ndarray) -> np.ndarray:
-    """Return the closed convex outline of points, shape (n, 2); of points on one line, its ends.
-
-    Points that differ only by the rounding of a file count as one.
-    """
+    """Return the closed convex outline of points, shape (n, 2), that differ by more than a file's rounding; of a line, its ends."""
     extent = np.ptp(points, axis=0).max() or 1.0
-    ordered = sorted({tuple(np.round(point / extent, 5)): tuple(point) for point in points}.values())
+    ordered = sorted({tuple(np.round(point / extent, 5)): complex(*point) for point in points}.items())
     if len(ordered) < 3:
-        return np.array(ordered)
-
-    def half(sequence: list[tuple[float, float]]) -> list[tuple[float, float]]:
-        chain: list[tuple[float, float]] = []
-        for p in sequence:
-            while len(chain) > 1:
-                (ax, ay), (bx, by) = chain[-2], chain[-1]
-                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 0.0:
-                    break
+        return np.array([[z.real, z.imag] for _, z in ordered])
+    chain: list[complex] = []
+    for sequence in (ordered, ordered[::-1]):  # below, then above
+        first = len(chain)
+        for _, z in sequence:
+            while len(chain) > first + 1 and ((chain[-1] - chain[-2]).conjugate() * (z - chain[-2])).imag <= 0.0:
                 chain.pop()
-            chain.append(p)
-        return chain
-
-    return np.array(half(ordered) + half(ordered[::-1])[1:])
+            chain.append(z)
+        del chain[-1]
+    return np.array([[z.real, z.imag] for z in [*chain, chain[0]]])
 
 
 def from_motion(motion: History, exaggerate: float = 1.0) -> Mechanism:
@@ -300,9 +275,10 @@ def zigzag(a: np.ndarray, b: np.ndarray, width: float) -> np.ndarray:
 def from_run(motion: History, exaggerate: float = 1.0) -> Mechanism:
     """Return the mechanism of a motion with the scene of the summary.json beside it, if any; HistoryError: damaged."""
     mechanism = from_motion(motion, exaggerate)
-    if (motion.path.parent / "summary.json").is_file():
-        add_scene(mechanism, read_summary(motion.path.parent), motion.path.parent / "summary.json")
-        events = read_events(motion.path.parent)
+    path = motion.path.parent / "summary.json"
+    if path.is_file():
+        add_scene(mechanism, read_summary(path.parent), path)
+        events = read_events(path.parent)
         for stop in mechanism.stops:
             stop.struck = np.array([event.time for event in events if event.element.lower() == stop.name.lower()])
         _add_forces(mechanism, motion.path.parent)
@@ -406,11 +382,6 @@ def hinge(scene: dict, stop: dict) -> dict:
         if joint["kind"] == "revolute" and {joint["a"]["body"], joint["b"]["body"]} == {a, b}:
             return joint["a" if joint["a"]["body"] == a else "b"]
     return stop["a"]
-
-
-def direction_of(arm: np.ndarray, turn: float, least: float) -> float:
-    """Return the angle of an arm [rad]; that by which its body has turned where the arm is shorter than the least [m]."""
-    return float(np.arctan2(arm[1], arm[0])) if np.hypot(*arm) > least else float(turn)
 
 
 def to_local(frame: np.ndarray, points: np.ndarray) -> np.ndarray:

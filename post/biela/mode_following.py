@@ -28,10 +28,7 @@ def place_of(parameter: Parameter, value: object) -> float:
 
 
 class Followed:
-    """Vibrations of the designs so far, each taken from that of the nearest design before it; the first from the deck's own.
-
-    Which design comes before which does not depend on the order in which runs end.
-    """
+    """Vibrations of the designs so far, each taken from that of the nearest design before it; the first from the deck's own."""
 
     def __init__(self, study: Study) -> None:
         self.parameters = study.parameters
@@ -97,6 +94,5 @@ def _told(study: Study, entry: dict, picked: dict[int, tuple]) -> dict:
         else:
             continue
         return {**entry, "values": [], "units": [], "reason": reason}
-    values = [picked[one.mode][1][one.measure == "damping_ratio"] if one.mode else value
-              for one, value in zip(study.scalars, entry["values"])]  # fmt: skip
-    return {**entry, "values": values}
+    both = zip(study.scalars, entry["values"])
+    return {**entry, "values": [picked[one.mode][1][one.measure == "damping_ratio"] if one.mode else value for one, value in both]}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,16 +44,19 @@ KINDS = {
 
 def positions(path: Path) -> np.ndarray:
     """Return where frames and nodes are in the order of the shapes' columns [m, rad]; HistoryError: no such line."""
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        if line.startswith(POSITIONS):
-            words = line[len(POSITIONS) :].split()
-            try:
-                return np.array(words, dtype=float)
-            except ValueError as fault:
-                raise HistoryError(f"{path}: its line {POSITIONS!r} is damaged ({fault})") from None
-        if not line.startswith("#"):
-            break
-    raise HistoryError(f"{path}: has no line {POSITIONS!r}: is it a modes.txt?")
+    try:
+        return np.array(comment(path, POSITIONS).split(), dtype=float)
+    except ValueError as fault:
+        raise HistoryError(f"{path}: its line {POSITIONS!r} is damaged ({fault})") from None
+
+
+def comment(path: Path, lead: str) -> str:
+    """Return what stands behind a word in the comments of a results file; HistoryError where that has no such line."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        for line in itertools.takewhile(lambda one: one.startswith("#"), file):
+            if line.startswith(lead):
+                return line[len(lead) :].strip()
+    raise HistoryError(f"{path}: has no line {lead!r}")
 
 
 def shapes(table: History) -> tuple[list[str], np.ndarray]:
@@ -113,8 +117,7 @@ def draw_shapes(table: History, rows: list[int], title: str = "") -> Figure:
             ghosts = [line.get_xydata().copy() for line in picture.bodies]
             picture.show(0)
             ghosts += [line.get_xydata().copy() for line in picture.bodies]
-            picture.show(1)
-            picture.stamp.set_text("")
+            picture.show_still(1)
             for k, ghost in enumerate(ghosts):
                 still = k >= len(picture.bodies)
                 axis.plot(*ghost.T, "-" if still else "--", color="#bbbbbb", lw=1.6 if still else 1.0, zorder=1)
@@ -123,10 +126,7 @@ def draw_shapes(table: History, rows: list[int], title: str = "") -> Figure:
 
 
 def threshold(values: np.ndarray, poles: np.ndarray) -> float:
-    """Return the power of ten below which a part of the poles is drawn linearly: no more than `DECADES` below the largest pole.
-
-    A part below `ROUNDED` of its own pole is rounding, and so is a pole that small beside the largest one.
-    """
+    """Return the power of ten below which a part of the poles is drawn linearly: `DECADES` below the largest; less is rounding."""
     size = np.abs(poles)
     largest = size.max(initial=0.0)
     above = np.abs(values)[np.abs(values) > np.maximum(ROUNDED * size, 10.0**-DECADES * largest)]
@@ -210,10 +210,7 @@ def draw_shares(table: History, title: str = "") -> Figure | None:
 
 
 def draw_slip(table: History, rows: list[int], title: str = "") -> Figure | None:
-    """Return a figure of how the cores of beams shear along them in the modes of the given rows; None where there are no cores.
-
-    Nodes where no mode shears a core are left out: beside a cover, or held.
-    """
+    """Return a figure of how cores of beams shear along them in modes of rows, where any does; None where there are no cores."""
     cores: dict[tuple[str, str], list[str]] = {}
     for found in filter(None, map(SLIP.fullmatch, table.names)):
         cores.setdefault(found.group("body", "core"), []).append(found.string[: -len(".re")])
@@ -279,10 +276,10 @@ def draw_response(table: History, names: list[str], title: str = "") -> Figure:
 
 def input_of(path: Path) -> str:
     """Return what the amplitudes of a response belong to, from the file's comment."""
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if path.is_file() else []:
-        if line.startswith(INPUT):
-            return f"response to {line[len(INPUT) :].split(';')[0].strip()}, per unit of its history"
-    return ""
+    try:
+        return f"response to {comment(path, INPUT).partition(';')[0].strip()}, per unit of its history"
+    except (HistoryError, OSError):
+        return ""
 
 
 @dataclass(frozen=True)
@@ -330,12 +327,9 @@ def draw_all(args: argparse.Namespace) -> int:
     if not there:
         raise HistoryError(f"{args.run}: has neither modes.txt nor frequency_response.txt (has the run been made?)")
     if "modes" in there:
-        found = Modes(read(args.run, "modes"))
-        paths.append(save(found.picture(args.modes, args.title), stem, "_modes"))
-        paths.append(save(found.poles(args.title), stem, "_poles"))
-        shares = draw_shares(found.table, args.title)
-        slip = draw_slip(found.table, chosen_rows(found.table, args.modes), args.title)
-        paths += [save(figure, stem, name) for figure, name in ((shares, "_shares"), (slip, "_slip")) if figure]
+        found, title = Modes(read(args.run, "modes")), args.title
+        figures = found.picture(args.modes, title), found.poles(title), found.shares(title), found.slip(args.modes, title)
+        paths += [save(figure, stem, name) for figure, name in zip(figures, ("_modes", "_poles", "_shares", "_slip")) if figure]
     if "frequency_response" in there:
         table = read(args.run, "frequency_response")
         figure = draw_response(table, sensors(table, args.columns), args.title)

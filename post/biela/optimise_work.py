@@ -14,18 +14,18 @@ from .command import options_of
 from .deck import flat_text
 from .derivatives import derivatives
 from .design_runs import Design, DesignRuns, RunsOverError, Space
-from .design_search import Goal, Limit, Search, scales_of, search_all, several_of
+from .design_search import Goal, Limit, Search, scales_of
 from .optimum import ACTIVE, Optimum, position_of
 from .result_files import HistoryError, remove_noted, writing
 from .sweep_run import settings_of
+from .sweep_scalars import LARGEST
 from .sweep_study import Study, StudyOptions
 from .sweep_work import parse_goal, prepare, tell, write_table
 
-EVERY_CHOICE = 64  # combinations of the lists, each of which is searched
+CHOICES = 64  # combinations of the lists at most from which a search begins
 SPREAD = 2.0  # sigma of the distance within which a better position of the sample rules a start out
 SIMPLEX, NEAR = 0.05, 2.0e-4  # first and last size of a search without slopes, in parts of the ranges
 PENALTY = 1.0e3  # of a scaled violation beside the scaled objective
-EXCHANGES = 20  # rounds in which one list after the other is tried
 
 
 def goal_of(study: Study, options: StudyOptions) -> Goal:
@@ -41,7 +41,9 @@ def goal_of(study: Study, options: StudyOptions) -> Goal:
             raise HistoryError(f"{options.study}: the values of {study.parameters[k].name} are words, which have no limit")
     limits = tuple(Limit(k, 1 if test.startswith("<") else -1, bound) for k, test, bound in tests)
     width = len(values)
-    return Goal(sign, column, limits, np.ones(width), np.zeros(width), several_of(study))
+    own, signs = len(study.parameters), [(one.measure in LARGEST) * (-1 if one.measure == "min" else 1) for one in study.scalars]
+    several = {own + k: one for k, one in enumerate(signs) if one}
+    return Goal(sign, column, limits, np.ones(width), np.zeros(width), several)
 
 
 def find(runs: DesignRuns, goal: Goal) -> Optimum:
@@ -50,7 +52,7 @@ def find(runs: DesignRuns, goal: Goal) -> Optimum:
     found = Optimum(runs.study, space, goal)
     try:
         if not space.free:
-            _lists_alone(runs, space, found)
+            runs.of([space.point(np.empty(0), choice) for choice in space.choices()])
         else:
             found.goal = goal = _sample_ranges(runs, space, goal)
             _searches(runs, space, found)
@@ -74,7 +76,7 @@ def _take_best(runs: DesignRuns, found: Optimum) -> None:
 
 def _sample_ranges(runs: DesignRuns, space: Space, goal: Goal) -> Goal:
     """Make runs all over the ranges, one that measures its own errors, and return the goal with sizes and errors of its values."""
-    choices = space.choices() if space.combinations <= EVERY_CHOICE else _sample(space, EVERY_CHOICE)
+    choices = space.choices()
     count = max(4 * (len(space.free) + 1) // len(choices), 2) if len(choices) > 1 else 4 * (len(space.free) + 1)
     points = []
     for number, choice in enumerate(choices):
@@ -90,51 +92,21 @@ def _sample_ranges(runs: DesignRuns, space: Space, goal: Goal) -> Goal:
     return replace(goal, errors=checked.errors if checked.ok else 1.0e-6 * goal.scales)
 
 
-def _sample(space: Space, count: int) -> list[tuple]:
-    """Return some of the choices, drawn."""
-    generator = np.random.default_rng(0)
-    return [tuple(one.values[generator.integers(len(one.values))] for one in space.lists) for _ in range(count)]
-
-
 def _searches(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Search from the best positions of each choice, from several of the best choice; then exchange items of long lists."""
-    goal, ranked = found.goal, sorted((one for one in runs.made if one.ok), key=found.goal.merit)
+    """Search from the best positions, then from that of each further choice."""
+    ranked = sorted((one for one in runs.made if one.ok), key=found.goal.merit)
     begins = _starting_points(space, ranked, runs.study.starts)
-    if space.combinations <= EVERY_CHOICE:
-        for design in ranked:
-            position, choice = position_of(space, design)
-            if all(choice != other for _, other in begins):
-                begins.append((position, choice))
-    found.searches = [Search(k + 1, space, goal, choice, position) for k, (position, choice) in enumerate(begins)]
-    search_all(runs, found.searches)
-    if space.combinations > EVERY_CHOICE:
-        found.notes.append(
-            f"of {space.combinations} combinations of the lists those were searched that differ in one item from good ones"
-        )
-        for one in list(found.searches):
-            _exchange(runs, space, found, one.best)
-
-
-def _exchange(runs: DesignRuns, space: Space, found: Optimum, best: Design | None) -> None:
-    """Exchange one item of the lists after the other, as long as the design gets better, and search from there."""
-    goal = found.goal
-    for _ in range(EXCHANGES if best else 0):
-        nearest = min(runs.of(_neighbours(space, best)), key=goal.merit)
-        if goal.merit(nearest) >= goal.merit(best):
-            return
-        position, choice = position_of(space, nearest)
-        best = nearest
-        if space.free:
-            found.searches.append(Search(len(found.searches) + 1, space, goal, choice, position))
-            search_all(runs, found.searches[-1:])
-            best = min((nearest, found.searches[-1].best), key=goal.merit)
+    for position, choice in [position_of(space, design) for design in ranked]:
+        if len(begins) < CHOICES and all(choice != other for _, other in begins):
+            begins.append((position, choice))
+    if space.combinations > CHOICES:
+        found.notes.append(f"of {space.combinations} combinations of the lists the best {CHOICES} by two runs each were searched")
+    for position, choice in begins:
+        found.searches.append(Search(runs, space, found.goal, choice, position, found.searches).run())
 
 
 def _starting_points(space: Space, ranked: list[Design], starts: int) -> list[tuple[np.ndarray, tuple]]:
-    """Return the best positions without a better one of the same choice nearby: Rinnooy Kan and Timmer's distance for a sample.
-
-    Mathematical Programming 39, 27-78 (1987): with it a search begins once in the basin of each minimum, almost surely.
-    """
+    """Return the best positions without a better one of that choice nearby (Rinnooy Kan & Timmer, Math. Programming 39, 1987)."""
     count, size = len(ranked), len(space.free)
     volume = math.gamma(1.0 + size / 2.0) * SPREAD * math.log(max(count, 2)) / max(count, 2)
     distance = volume ** (1.0 / size) / math.sqrt(math.pi)
@@ -144,26 +116,6 @@ def _starting_points(space: Space, ranked: list[Design], starts: int) -> list[tu
         if all(choice != other or np.linalg.norm(position - there) > distance for there, other in positions[:k]):
             begins.append((position, choice))
     return begins[:starts]
-
-
-def _neighbours(space: Space, design: Design) -> list[dict]:
-    """Return the designs that differ from one in one item of the lists."""
-    return [{**design.point, one.name: value} for one in space.lists for value in one.values if value != design.point[one.name]]
-
-
-def _lists_alone(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Run all combinations, or, where there are more than runs, exchange one item at a time from several drawn ones."""
-    position = np.empty(0)
-    if space.combinations <= runs.study.runs:
-        runs.of([space.point(position, choice) for choice in space.choices()])
-        return
-    runs.of([space.point(position, choice) for choice in _sample(space, max(runs.study.runs // 4, 1))])
-    found.notes.append(
-        f"the lists allow {space.combinations} combinations, runs = {runs.study.runs}: items were exchanged one at a time"
-    )
-    found.goal = replace(found.goal, scales=scales_of(runs.made, len(found.goal.scales)))
-    for design in sorted(runs.made, key=found.goal.merit)[: runs.study.starts]:
-        _exchange(runs, space, found, design)
 
 
 def _analyse_optimum(runs: DesignRuns, space: Space, found: Optimum) -> None:
@@ -209,38 +161,20 @@ def _slopes_of_extremes(runs: DesignRuns, found: Optimum) -> list[np.ndarray]:
     near = [k for k, (_, other) in enumerate(found.best.extremes[goal.column]) if abs(other - value) <= tolerance]
     if not goal.worst_of_several(goal.column, goal.sign) or len(near) < 2:
         return []
-    probe = Search(0, found.space, goal, found.choice, found.position, central=True)
-    probe._ask = lambda positions: runs.of([found.space.point(position, found.choice) for position in positions])
-    tables, _ = probe._slope(found.position)
+    tables, _ = Search(runs, found.space, goal, found.choice, found.position, [], central=True)._slope(found.position)
     return [goal.sign * tables[0][k] for k in near]
 
 
 def _continue_search(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Go on from an optimum whose slope is not explained: by differences on both sides, then without slopes (Nelder & Mead).
+    """Go on by scipy's Nelder-Mead from an optimum whose slope is not explained: where runs fail, or at a kink, slopes do not help.
 
-    Where runs fail, or at a kink, the slope leads nowhere: there the second finds what the first cannot.
+    Limits are a penalty, a run that fails is worse than all.
     """
-    walled = any(not one.ok and np.abs(position_of(space, one)[0] - found.position).max() <= SIMPLEX for one in runs.made)
-    for slopes in (False,) if walled else (True, False):
-        left, error = found.residual
-        if left <= max(3.0 * error, 1.0e-3):
-            return
-        before = found.goal.merit(found.best)
-        if slopes:
-            found.searches.append(Search(len(found.searches) + 1, space, found.goal, found.choice, found.position, central=True))
-            search_all(runs, found.searches[-1:])
-        else:
-            _without_slopes(runs, space, found)
-        _take_best(runs, found)
-        if found.goal.merit(found.best) < before:
-            _analyse_optimum(runs, space, found)
-
-
-def _without_slopes(runs: DesignRuns, space: Space, found: Optimum) -> None:
-    """Search around the best design by scipy's Nelder-Mead; limits are a penalty, a run that fails is worse than all."""
     from scipy.optimize import minimize
 
-    goal, here = found.goal, found.position
+    goal, here, (left, error), before = found.goal, found.position, found.residual, found.goal.merit(found.best)
+    if left <= max(3.0 * error, 1.0e-3):
+        return
 
     def merit(position: np.ndarray) -> float:
         (design,) = runs.of([space.point(position, found.choice)])
@@ -254,22 +188,17 @@ def _without_slopes(runs: DesignRuns, space: Space, found: Optimum) -> None:
     corners = np.clip(here + np.vstack([0.5 * ways.mean(axis=0), ways]), 0.0, 1.0)
     options = {"initial_simplex": corners, "xatol": NEAR, "fatol": goal.accuracy}
     minimize(merit, here, method="Nelder-Mead", bounds=[(0.0, 1.0)] * here.size, options=options)
-
-
-def write_files(found: Optimum, options: StudyOptions) -> None:
-    """Write the history of the runs, the optimum as JSON and as a deck of its own, which runs alone."""
-    write_table(found.folder / "history.csv", found.head, found.rows)
-    with writing(found.folder / "optimum.json"):
-        (found.folder / "optimum.json").write_text(json.dumps(found.figures, indent=1) + "\n", encoding="utf-8")
-        if found.best:
-            deck = flat_text(options.biela, found.study.deck, *settings_of(found.study, found.best.point))
-            (found.folder / "optimum.nml").write_text(deck, encoding="utf-8")
+    _take_best(runs, found)
+    if goal.merit(found.best) < before:
+        _analyse_optimum(runs, space, found)
 
 
 def optimise(options: StudyOptions) -> Optimum:
     """Search the best design of a study and write its files; BielaError where it cannot be run."""
     study, deck = prepare(options, design=False)
-    goal, folder = goal_of(study, options), options.folder("optimise")
+    goal, folder, space = goal_of(study, options), options.folder("optimise"), Space.of(study)
+    if (least := space.combinations * (2 if space.free and space.lists else 1)) > study.runs:
+        raise HistoryError(f"{options.study}: the lists allow {space.combinations} combinations: runs = {least} or more expected")
     with DesignRuns(study, deck, options, folder) as runs:
         found = find(runs, goal)
     found.made, found.units, found.runs, found.folder = runs.made, runs.units, runs.count, folder
@@ -279,19 +208,18 @@ def optimise(options: StudyOptions) -> Optimum:
         slope = f"the slope of {found.names[found.goal.column]}"
         found.notes.append(f"{slope} is not explained by the limits (part left: {left:.2g}): a kink, or not the end")
     remove_noted(folder)
-    write_files(found, options)
+    write_table(folder / "history.csv", found.head, found.rows)
+    with writing(folder / "optimum.json"):
+        (folder / "optimum.json").write_text(json.dumps(found.figures, indent=1) + "\n", encoding="utf-8")
+        if found.best:
+            text = flat_text(options.biela, study.deck, *settings_of(study, found.best.point))
+            (folder / "optimum.nml").write_text(text, encoding="utf-8")
     return found
 
 
 def work(args: argparse.Namespace) -> int:
     """Search, print and draw; returns 0, or 1 where no design meets all limits."""
     found = optimise(options_of(args, StudyOptions))
-    tell("optimise", found.warnings)
-    print("\n".join(found.report))
-    print(f"history, optimum: {found.folder}/history.csv, optimum.json, optimum.nml")
-    if not args.no_pictures and found.best:
-        from .sweep_picture import draw_search
-
-        for path in draw_search(found):
-            print(f"picture: {path}")
+    files = f"history, optimum: {found.folder}/history.csv, optimum.json, optimum.nml"
+    tell("optimise", found.warnings, [*found.report, files], [] if args.no_pictures or not found.best else found.draw())
     return int(not found.feasible)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from .derivatives import Derivatives
+from .derivatives import Derivatives, rows_of
 from .design_runs import Design, Space
 from .design_search import Goal, Search
 from .figures import Figures, Tabular
@@ -30,13 +31,10 @@ class Optimum(Tabular):
     searches: list[Search] = field(default_factory=list)  # in their order
     slopes: Derivatives | None = None  # at the optimum, None without free parameters or runs
     errors: np.ndarray = field(default_factory=lambda: np.empty(0))  # of the optimum's values
-    # change of the objective by each limit's bound, of those that hold it back, by name of the column
-    prices: dict[str, float] = field(default_factory=dict)
-    # part of the objective's slope that no limit explains, and what the slopes' errors explain of it
-    residual: tuple[float, float] = (0.0, 0.0)
+    prices: dict[str, float] = field(default_factory=dict)  # change of the objective by active bounds, by name of the column
+    residual: tuple[float, float] = (0.0, 0.0)  # part of the objective's slope that no limit explains, and that of errors
     notes: list[str] = field(default_factory=list)  # what a user should know
-    # designs in the order in which they were asked for, without those that only measure errors
-    made: list[Design] = field(default_factory=list)
+    made: list[Design] = field(default_factory=list)  # in their order, without those that only measure errors
     units: list[str] = field(default_factory=list)  # of the results
     runs: int = 0  # that were asked for, those that measure errors included
     folder: Path = Path()  # of what was stored and of the tables
@@ -45,7 +43,7 @@ class Optimum(Tabular):
     @property
     def names(self) -> list[str]:
         """Of parameters and results."""
-        return [one.name for one in (*self.study.parameters, *self.study.scalars)]
+        return [one.name for one in self.study.columns]
 
     @property
     def feasible(self) -> bool:
@@ -70,13 +68,11 @@ class Optimum(Tabular):
             return Figures()
         own, slopes = len(self.study.parameters), self.slopes
 
-        def of(j: int, k: int) -> Figures:
-            return Figures(derivative=_finite(slopes.values[j, k]), error=_finite(slopes.errors[j, k]))
+        def of(j: int) -> Figures:
+            pairs = zip(self.space.free, map(_finite, slopes.values[j]), map(_finite, slopes.errors[j]))
+            return Figures({one.name: Figures(derivative=slope, error=error) for one, slope, error in pairs})
 
-        names = self.names
-        return Figures({
-            names[j]: Figures({one.name: of(j, k) for k, one in enumerate(self.space.free)}) for j in range(own, len(names))
-        })  # fmt: skip
+        return Figures({name: of(own + k) for k, name in enumerate(self.names[own:])})
 
     @property
     def figures(self) -> dict:
@@ -86,6 +82,16 @@ class Optimum(Tabular):
         if self.best:
             found |= {"feasible": self.feasible, "parameters": self.best.point, "results": self.results, "prices": self.prices}
         return found | ({"sensitivities": self.sensitivities} if self.slopes is not None else {})
+
+    def draw(self) -> Iterator[Path]:
+        """Draw the history of the search and the tornado of its optimum into the folder, one after the other."""
+        from .picture_files import save
+        from .sweep_picture import history, tornado
+
+        yield save(history(self), self.folder / "history.png")
+        if self.slopes is not None:
+            rows = rows_of(self.study, self.space, self.best, self.slopes)
+            yield save(tornado(self.study, self.space, rows, self.units, "the optimum"), self.folder / "tornado.png")
 
     @property
     def head(self) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import re
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
@@ -68,18 +67,15 @@ def unit_of(runs: list[History], name: str) -> str:
 
 
 def panels(runs: list[History], names: list[str]) -> list[list[str]]:
-    """Return the names panel by panel: one unit a panel, and no column whose range is below a fiftieth of its panel's height.
-
-    A panel holds no more columns than there are line styles.
-    """
+    """Return names by panels: one unit each, no range below a fiftieth of the height, no more than there are line styles."""
     result: list[list[str]] = []
-    ends = {name: [run.ends[name] for run in runs if name in run] for name in names}
-    low, high = ({name: pick(one[k] for one in ends[name]) for name in names} for k, pick in enumerate((min, max)))
-    span = {name: high[name] - low[name] for name in names}
+    low, high = (
+        {name: pick(run.ends[name][k] for run in runs if name in run) for name in names} for k, pick in ((0, min), (1, max))
+    )
     for name in names:
         for panel in result:
             both = [*panel, name]
-            least, height = min(span[one] for one in both), max(high[one] for one in both) - min(low[one] for one in both)
+            least, height = min(high[one] - low[one] for one in both), max(map(high.get, both)) - min(map(low.get, both))
             if unit_of(runs, panel[0]) == unit_of(runs, name) != "" and least * FLAT >= height and len(panel) < len(STYLES):
                 panel.append(name)
                 break
@@ -91,11 +87,7 @@ def panels(runs: list[History], names: list[str]) -> list[list[str]]:
 def draw(
     runs: list[History], labels: list[str], names: list[str], against: str | None = None, title: str = "", styled: bool = False
 ) -> Figure:
-    """Return a figure of columns of runs, which all have them, against one (time); HistoryError where a column is missing in a run.
-
-    What has the unit of `against` is drawn to its scale. Styled: the line style tells the run and the colour the column, in place
-    of the other way round.
-    """
+    """Return a figure of columns of runs against one (time); styled: the line style tells the run, the colour the column."""
     abscissa = against or runs[0].names[0]
     groups = panels(runs, names)
     path = unit_of(runs, abscissa) if against is not None else ""
@@ -113,9 +105,8 @@ def draw(
                 axis.set_aspect("equal", adjustable="datalim")
                 axis.locator_params(nbins=6)
         if len(runs) > 1:
-            looks = [{"color": "#333333" if styled else COLOURS[k % len(COLOURS)], "ls": STYLES[k % len(STYLES)]}
-                     for k in range(len(runs))]  # fmt: skip
-            handles = [Line2D([], [], label=label, **look) for label, look in zip(labels, looks)]
+            looks = [("#333333" if styled else COLOURS[k % len(COLOURS)], STYLES[k % len(STYLES)]) for k in range(len(runs))]
+            handles = [Line2D([], [], label=label, color=colour, ls=style) for label, (colour, style) in zip(labels, looks)]
             figure.legend(handles=handles, loc="outside lower center", ncols=min(len(runs), 4))
         if title:
             figure.suptitle(title)
@@ -151,17 +142,14 @@ def stacked(
 def _to_scale(runs: list[History], group: list[str], abscissa: str) -> tuple[float, float]:
     """Return the size of a picture that paths to scale fill [inch], within what a page takes."""
     wide = max(float(np.ptp(run[abscissa])) for run in runs)
-    high = max(max(run[name].max() for run in runs for name in group) - min(run[name].min() for run in runs for name in group), 0.0)
+    high = max(run.ends[name][1] for run in runs for name in group) - min(run.ends[name][0] for run in runs for name in group)
     longer = max(wide, high) or 1.0
     width, height = (max(PATH[1] * side / longer, PATH[0]) for side in (wide, high))
     return width + 1.2, height + 1.0
 
 
 def _panel(axis: Axes, runs: list[History], labels: list[str], group: list[str], abscissa: str, styled: bool) -> None:
-    """Draw one panel: colour tells the run and line style the column, or both one of the two where there is one of the other.
-
-    Where it is `styled` the line style tells the run and the colour the column. The figure's legend names the runs.
-    """
+    """Draw one panel: the colour tells the run and the line style the column, styled: the other way round."""
     for k, (run, label) in enumerate(zip(runs, labels)):
         for j, name in enumerate(group):
             colour = COLOURS[(k if len(runs) > 1 and not styled else j) % len(COLOURS)]
@@ -171,11 +159,10 @@ def _panel(axis: Axes, runs: list[History], labels: list[str], group: list[str],
             axis.plot(*thinned(run[abscissa], run[name]), ls=style, color=colour, label=": ".join(words) or None)
     axis.set_ylabel(axis_label(group[0] if len(group) == 1 else "", unit_of(runs, group[0])))
     if len(group) > 1:
-        handles = axis.lines
-        if len(runs) > 1:
-            looks = [{"color": COLOURS[j % len(COLOURS)]} if styled else {"color": "#333333", "ls": STYLES[j % len(STYLES)]}
-                     for j in range(len(group))]  # fmt: skip
-            handles = [Line2D([], [], **look) for look in looks]
+        looks = [
+            dict(color=COLOURS[j % len(COLOURS)]) if styled else dict(color="#333333", ls=STYLES[j]) for j in range(len(group))
+        ]
+        handles = [Line2D([], [], **look) for look in looks] if len(runs) > 1 else axis.lines
         axis.legend(handles, group, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
@@ -205,10 +192,7 @@ def _log_scales(axis: Axes, runs: list[History], group: list[str], abscissa: str
 
 
 def usual_columns(run: History) -> list[str]:
-    """Return what is drawn where no columns are named: sensors of an equilibrium, amplitudes and phases of a response, else all.
-
-    HistoryError: the rows are modes, which no line should join.
-    """
+    """Return what is drawn where none are named: sensors of an equilibrium, parts of a response, else all; HistoryError."""
     names = [name for name in run.match(None) if run.size(name) > 0.0] or run.match(None)
     if run.path.name == RESULT_FILES["modes"]:
         raise HistoryError(f"{run.path}: its rows are modes, not times: name --columns, or draw them with post/modes.py")
@@ -222,12 +206,8 @@ def usual_columns(run: History) -> list[str]:
 
 
 def moving(runs: list[History], names: list[str]) -> list[str]:
-    """Return the columns whose values exceed rounding in any of the runs, as the solver says.
-
-    Files without such a statement: compared with the largest column of their unit.
-    """
-    still = common_still(runs)
-    if still is not None:
+    """Return the columns that exceed rounding in any run, as the solver says; else, as compared with the largest of their unit."""
+    if (still := common_still(runs)) is not None:
         return [name for name in names if still.get(name, 1.0) != 0.0]
     size = {name: max((run.size(name) for run in runs if name in run), default=0.0) for name in names}
     units = {name: unit_of(runs, name) for name in names}
@@ -282,16 +262,6 @@ def mark_events(figure: Figure, runs: list[History]) -> int:
     return count
 
 
-def usual_stem(words: list[str]) -> str:
-    """Return the name of a picture from what it shows: kind of file, columns, runs."""
-    return re.sub(r"[^\w.+-]+", "_", "_".join(words).replace("*", ""))[:100].rstrip("._")
-
-
-def names_of(sources: list[Path]) -> list[str]:
-    """Return what tells the runs apart: the folder's name (of results files), else the file's."""
-    return [path.parent.name or path.stem if path.name in RESULT_FILES.values() else path.stem for path in sources]
-
-
 def plot(args: argparse.Namespace) -> int:
     """Draw as the command line asks and say which files were written; raises HistoryError."""
     runs = [read(source, args.file) for source in args.runs]
@@ -304,7 +274,8 @@ def plot(args: argparse.Namespace) -> int:
     if args.labels and len(args.labels) != len(runs):
         raise HistoryError(f"{len(args.labels)} labels for {len(runs)} runs: one each expected")
     names, idle = chosen_columns(runs, args.columns, args.against)
-    labels = args.labels or names_of([run.path for run in runs])
+    own = [run.path.parent.name if run.path.name in RESULT_FILES.values() else "" for run in runs]
+    labels = args.labels or [name or run.path.stem for name, run in zip(own, runs)]
     groups = panels(runs, names)
     crowded = [name for group in groups[MOST_PANELS:] for name in group]
     names = [name for name in names if name not in crowded]
@@ -314,7 +285,8 @@ def plot(args: argparse.Namespace) -> int:
             raise HistoryError("--events marks times: the horizontal axis has to be t")
         print(f"events marked: {mark_events(figure, runs)}")
     words = [args.file, *(args.columns or []), *(["against", args.against] if args.against else []), *labels[1:]]
-    path = save(figure, args.output or runs[0].path.parent / usual_stem(words))
+    stem = re.sub(r"[^\w.+-]+", "_", "_".join(words).replace("*", ""))[:100].rstrip("._")
+    path = save(figure, args.output or runs[0].path.parent / stem)
     if idle:
         print(f"left out, zero, rounding or constant throughout: {', '.join(idle)}")
     if crowded:

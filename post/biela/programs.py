@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Callable
 
 from . import command
-from .command import count, finite, positive
-from .progress import Progress
+from .command import Progress, count, finite, positive
 from .result_files import RESULT_FILES, TABLES
 
 QUANTITIES = ("frequency", "storage", "loss", "factor", "temperature", "set")  # columns of a table, of material_data.USUAL
@@ -144,7 +143,7 @@ def animate(p: Parser) -> None:
     """Draw a mechanism's motion from motion.txt: a moving picture (GIF, MP4) and a sheet of snapshots (PNG); no window is needed.
 
     The run must have written motion.txt (motion_step in the deck's transient). Joints, links, springs and lumps are drawn as the
-    solver assembled them (summary.json beside motion.txt). A beam is drawn as a smooth curve through its nodes.
+    solver assembled them. A beam is drawn as a smooth curve through its nodes.
 
     Example: post/animate.py results/four_bar --trace coupler.3 --mp4
     """
@@ -182,11 +181,8 @@ def spectrum(p: Parser) -> None:
     """Draw what frequencies a run holds: amplitude spectrum, power spectral density, waterfall, orders of a drive, decay.
 
         spectrum.py results/four_bar --columns 'tip.*'                  amplitudes and power spectral density (Welch)
-        spectrum.py results/four_bar --columns tip.v --waterfall        against time
-        spectrum.py results/run_up --columns tip.v --waterfall --speed crank.v      against the speed of a drive
-        spectrum.py results/run_up --columns tip.v --orders crank       in orders of the rotation of column crank [rad]
+        spectrum.py results/run_up --columns tip.v --waterfall --speed crank.v      against the speed of a drive (else: time)
         spectrum.py results/engine --columns 'main.f?' --orders crank --turns -1 -1    orders of the last whole turn, exact
-        spectrum.py results/engine --columns 'main.f?' --reference 1e-6 levels in dB, 20 lg(rms/reference)
         spectrum.py results/ring_down --columns tip.v --decay           envelope, logarithmic decrement, damping ratio
         spectrum.py results/engine --columns shank.s --life 120e6 2e6 5 rainflow cycles and damage
 
@@ -216,8 +212,8 @@ def report(p: Parser) -> None:
     """Write one page (HTML) about a run, or about two runs side by side: it opens from the disk and needs no network.
 
     It begins with the outcome, warnings, largest deflections, stresses and reactions, drives, where energy was lost, frequencies
-    and damping. Then come the scene, histories, motion, modes, responses, the table of a trade-off where there is one; what the
-    solver did and the deck stand last. Of two runs the differences are drawn and tabulated, too.
+    and damping. Then come the scene, histories, motion, modes, responses; what the solver did and the deck stand last. Of two runs
+    the differences are drawn and tabulated, too.
 
         post/report.py results/slider_crank_elastic results/slider_crank_viscoelastic
 
@@ -226,7 +222,6 @@ def report(p: Parser) -> None:
     p.add("runs", nargs="+", type=Path, metavar="RESULTS", help="one results folder, or two to compare")
     p.add("--labels", nargs="+", metavar="TEXT", help="names of the runs (those of their folders)")
     p.add("--title", help="headline (the first deck's title)")
-    p.add("--tradeoff", type=Path, metavar="FOLDER", help="of a trade-off study (results/tradeoff/<deck name>)")
     p.add_rows("largest values: rows before do not count", "largest values: rows after do not count")
     p.add("--output", type=Path, metavar="FILE", help="the page (report.html in the first folder)")
 
@@ -236,13 +231,11 @@ def compare(p: Parser) -> None:
     """Compare two histories, or a history with a reference: the largest difference of each column, relative to its range.
 
     The rule, for the tests too:
-    - Rows are matched by time: each time of the reference must be in the run (to a millionth of the reference's shortest
-      interval); further rows of the run do not count. Every column of the reference must be in the run, further ones do not count.
-    - The error of a column is its largest difference over all rows, divided by the range (largest minus smallest value) that
-      the column has in the reference.
+    - Each time of the reference must be in the run (to a millionth of the reference's shortest interval), and every column;
+      further rows and columns of the run do not count.
+    - The error of a column is its largest difference over all rows, divided by the range that it has in the reference.
     - A column that is constant in the reference (range below 1e-13 of its size or of the following) is measured by the largest
-      range among the reference's columns of the same unit: a channel that should be zero stays zero, next to channels that are
-      not. A constant column alone in its unit is measured by its own size, and one that is zero by 1 of its unit (1 m, 1 N ...).
+      range among the reference's columns of the same unit, else by its own size, and one that is zero by 1 of its unit.
     - A column passes when its error is at most its tolerance.
 
     Exit status: 0 every column within its tolerance, 1 some are not, 2 the files cannot be compared.
@@ -280,9 +273,7 @@ def fit_material(p: Parser) -> None:
     """Fit GHM or Maxwell terms to a measured complex modulus, print the `&material` lines; or draw, convert a deck's material.
 
         fit_material.py DATA.csv --density 1200                       terms of the law that fits better at equal cost
-        fit_material.py DATA.csv --density 1200 --law ghm --terms 3   a law and a number of terms
-        fit_material.py DATA.csv --density 1200 --reference 20        sets of several temperatures, shifted to a master curve at 20
-        fit_material.py DATA.csv --density 1200 --temperature 35      the same, for a part at 35
+        fit_material.py DATA.csv --density 1200 --reference 20 --temperature 35    several temperatures; for a part at 35
         fit_material.py MATERIAL.nml --band 1 1500                    draws the modulus of a material
         fit_material.py MATERIAL.nml --band 1 1500 --law maxwell      the same modulus by terms of the other law
 
@@ -319,7 +310,6 @@ def sweep(p: Parser) -> None:
 
         sweep.py STUDY.toml                                   all runs on all cores; results/sweep/STUDY/table.csv and pictures
         sweep.py STUDY.toml --best 'min peak' --where 'height < 0.012'
-        sweep.py STUDY.toml --scheduler tcp://HOST:8786    on the workers of a Dask scheduler that sees this folder
 
     An interrupted sweep goes on where it was; what was run is not run again. A run that fails stands in the table with its reason.
     """
@@ -333,9 +323,7 @@ def sweep(p: Parser) -> None:
 def optimise(p: Parser) -> None:
     """Find the best design: the smallest or largest result within limits, by parameters that are free or from lists.
 
-        optimise.py STUDY.toml                                the study says best = 'min mass', where = ['peak < 1e-3']
         optimise.py STUDY.toml --best 'min mass' --where 'peak < 1e-3'
-        optimise.py STUDY.toml --scheduler tcp://HOST:8786 on the workers of a Dask scheduler that sees this folder
 
     Searches from several starts at once (SLSQP). History, optimum, sensitivities and pictures go to results/optimise/STUDY/. An
     interrupted search goes on where it was. Status 1: no design meets the limits.
@@ -349,11 +337,10 @@ def optimise(p: Parser) -> None:
 def identify(p: Parser) -> None:
     """Find parameters of a deck from what was measured: values, 95 % intervals, and what the data do not tell.
 
-        identify.py STUDY.toml                                results with measure = "misfit" name the data
-        identify.py STUDY.toml --scheduler tcp://HOST:8786 on the workers of a Dask scheduler that sees this folder
+        identify.py STUDY.toml
 
-    Least squares (scipy's trust region) from the best of runs all over the ranges. Exit status 1: there are combinations of
-    parameters of which the data tell no more than their ranges do.
+    Results of the study with measure = "misfit" name the data. Least squares (scipy's trust region) from the best of runs all over
+    the ranges. Exit status 1: there are combinations of parameters of which the data tell no more than their ranges do.
     """
     p.add_study("identify")
 
@@ -362,9 +349,7 @@ def identify(p: Parser) -> None:
 def sensitivity(p: Parser) -> None:
     """By how much results change with each free parameter: derivatives with their errors, a table and a tornado picture.
 
-        sensitivity.py STUDY.toml                             at the study's start, else as the deck has its parameters
-        sensitivity.py STUDY.toml --at outer=0.015 --at wall=1e-3
-        sensitivity.py STUDY.toml --scheduler tcp://HOST:8786 on the workers of a Dask scheduler that sees this folder
+        sensitivity.py STUDY.toml --at outer=0.015 --at wall=1e-3     (left out: the study's start, else the deck's values)
 
     The step of the differences comes from the error that a run measures of itself; a derivative's error holds that and the step's.
     """
@@ -377,16 +362,13 @@ def tradeoff(p: Parser) -> None:
     """Speed against accuracy, measured for a deck: which method, which step, and the smallest model that is good enough.
 
     Runs variants of the deck, measures the error of its sensors against a converged truth, takes out of the model what the sensors
-    do not notice, and writes into results/tradeoff/<deck name>/:
-      tradeoff.txt         every run: error, seconds, evaluations; what each removal changes; the cheapest adequate setting
-      recommended.nml      the deck with that setting and model, comments kept; error and speed-up are those of its own run
-      work_precision.png   error against seconds
-      journal.jsonl        all runs: an interrupted study goes on from there
+    do not notice, and writes tradeoff.txt (every run, what each removal changes), recommended.nml (the cheapest adequate deck) and
+    work_precision.png (error against seconds) into results/tradeoff/<deck name>/. An interrupted study goes on from there.
 
     The truth is the deck's own model by passes of the solver until they agree (accuracy=); what its meshes and modes err by is told
     by check_mesh and check_reduction in its &transient.
 
-    Exit status: 0 recommended.nml meets the tolerance, 1 nothing does (within the budget), 2 the deck or the command line is wrong.
+    Exit status: 0 recommended.nml meets the tolerance, 1 nothing does, 2 the deck or the command line is wrong.
 
     Example: post/tradeoff.py input/four_bar.nml --sensor rocker motor --tolerance 1e-2
     """
@@ -395,7 +377,6 @@ def tradeoff(p: Parser) -> None:
     seconds = {"type": positive, "metavar": "SECONDS"}
     p.add("--sensor", nargs="+", default=[], metavar="NAME", help="sensors or columns (tip.v) to get right (all)")
     p.add("--tolerance", type=positive, default=1.0e-3, help="largest error over the range (%(default)g)")
-    p.add("--budget", **seconds, default=math.inf, help="of a recommended run at most (any)")
     p.add("--methods", nargs="+", choices=METHODS, default=list(METHODS), help="methods that are tried (all)")
     p.add("--output", type=Path, help="folder (results/tradeoff/<deck name>)")
     p.add("--jobs", type=count, default=os.cpu_count() or 1, help="runs at a time (%(default)s)")

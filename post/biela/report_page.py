@@ -15,15 +15,14 @@ import jinja2
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image
 
 from . import draw as scene_picture
 from . import engineering, mode_pictures, plot
 from .animate import sheet
+from .command import Progress
 from .deck import Deck, groups_of
 from .histories import History, read, read_summary
 from .mechanism import from_run
-from .progress import Progress
 from .result_files import RESULT_FILES, HistoryError, note, writing
 
 if TYPE_CHECKING:
@@ -72,11 +71,6 @@ class Section:
         """Whether its parts are those of two runs, which stand side by side where the page is wide."""
         return len(self.parts) == 2 and all(part.heading for part in self.parts)
 
-    @property
-    def id(self) -> str:
-        """The anchor."""
-        return self.title.lower().replace(" ", "-")
-
 
 @dataclass(eq=False)
 class Run:
@@ -103,11 +97,6 @@ class Run:
     def clean(self) -> bool:
         """Whether nothing speaks against its results."""
         return self.ok and not self.figures["warnings"]
-
-    @functools.cached_property
-    def findings(self) -> dict[str, str]:
-        """What a designer asks of it, in words by what it is."""
-        return findings(self)
 
     @functools.cache  # noqa: B019, of a run that lives as long as its page
     def table(self, kind: str) -> History | None:
@@ -154,6 +143,7 @@ def table_text(x: object) -> str:
     return f"{x:,}" if isinstance(x, int) else f"{x:.4g}" if isinstance(x, float) else str(x)
 
 
+@functools.cache
 def findings(run: Run) -> dict[str, str]:
     """Return what a designer asks of a run, in words by what it is."""
     deck = deck_of(run)
@@ -188,7 +178,7 @@ def deck_of(run: Run) -> Deck:
 def results(runs: list[Run]) -> Section:
     """Return warnings first, then the results that a designer asks for, runs side by side, and the moduli of materials."""
     warnings = [Part(heading=f"Warnings: {run.label}", paragraphs=run.figures["warnings"], warning=True) for run in runs]
-    found = [run.findings for run in runs]
+    found = [findings(run) for run in runs]
     names = list(dict.fromkeys(name for one in found for name in one))
     table = [[name, *(one.get(name, "–") for one in found)] for name in names]
     notes = []
@@ -299,10 +289,8 @@ def energy(run: Run) -> Part | None:
     if table is None:
         return None
     shown = [name for name in table.names[1:] if np.any(table[name])]
-    lost = engineering.loss_picture(table)
-    pictures = [embed(lost, f"{run.label}: energy lost over time")] if lost else []
     named = f"{run.label}: energies, their residual, openings of joints"
-    return Part(pictures=pictures + column_pictures([table], [run.label], shown, named))
+    return Part(pictures=column_pictures([table], [run.label], shown, named))
 
 
 def modal(run: Run) -> Part | None:
@@ -314,12 +302,9 @@ def modal(run: Run) -> Part | None:
     keys = ("mode", "frequency", "damping_ratio", "real_part")
     rows = [[pole["kind"], *(table_text(pole[key]) for key in keys)] for pole in found["poles"]]
     head = ["kind", "mode", "frequency [Hz]", "damping ratio [-]", "real part [1/s]"]
-    shapes = mode_pictures.draw_shapes(table, mode_pictures.chosen_rows(table, None))
-    pictures = [embed(shapes, f"{run.label}: shapes"), embed(mode_pictures.draw_poles(table), f"{run.label}: poles")]
-    shares = mode_pictures.draw_shares(table)
-    pictures += [embed(shares, f"{run.label}: which layers store and lose")] if shares else []
-    slip = mode_pictures.draw_slip(table, mode_pictures.chosen_rows(table, None))
-    pictures += [embed(slip, f"{run.label}: shear of cores")] if slip else []
+    shown, words = mode_pictures.Modes(table), ("shapes", "poles", "which layers store and lose", "shear of cores")
+    figures = zip((shown.picture(), shown.poles(), shown.shares(), shown.slip()), words)
+    pictures = [embed(figure, f"{run.label}: {what}") for figure, what in figures if figure]
     words = [line for line in (found["complete"], found["complete_damped"]) if line]
     return Part(paragraphs=words, head=head, rows=rows, pictures=pictures)
 
@@ -348,30 +333,13 @@ def motion(run: Run) -> Part | None:
     return part
 
 
-def tradeoff(runs: list[Run], folder: Path | None) -> Section | None:
-    """Return the table and the picture that the trade-off tool left for a deck."""
-    for run in runs:
-        study = folder or run.folder.parent / "tradeoff" / run.figures["deck"]
-        if not (study / "tradeoff.txt").is_file():
-            continue
-        pictures = []
-        for path in sorted(study.glob("*.png")):
-            data = base64.b64encode(path.read_bytes()).decode()
-            pictures.append(Picture(f"data:image/png;base64,{data}", "error against cost", Image.open(path).width))
-        text = (study / "tradeoff.txt").read_text(encoding="utf-8")
-        return Section("Trade-off", [Part(heading=str(study), pictures=pictures, text=text)])
-    if folder:
-        raise HistoryError(f"{folder}: has no tradeoff.txt")
-    return None
-
-
-def sections(runs: list[Run], study: Path | None) -> list[Section]:
+def sections(runs: list[Run]) -> list[Section]:
     """Return the page's sections; those of which a run has no file are left out."""
     title = "Decks" if len(runs) > 1 else "Deck"
     makers = [
         lambda: results(runs), lambda: scene(runs), lambda: histories(runs), lambda: each("Motion", runs, motion),
         lambda: side_by_side("Equilibrium", runs, "static"), lambda: each("Modes", runs, modal),
-        lambda: each("Frequency response", runs, responses), lambda: tradeoff(runs, study), lambda: each("Energy", runs, energy),
+        lambda: each("Frequency response", runs, responses), lambda: each("Energy", runs, energy),
         lambda: side_by_side("Model and solver", runs, "model", "transient", "timing"),
         lambda: side_by_side("Stable steps", runs, "stable_steps"),
         lambda: each(title, runs, lambda run: Part(text=run.figures["deck_text"])),
@@ -384,11 +352,11 @@ def sections(runs: list[Run], study: Path | None) -> list[Section]:
     return [section for section in found if section]
 
 
-def page(runs: list[Run], title: str, study: Path | None = None) -> str:
+def page(runs: list[Run], title: str) -> str:
     """Return the page."""
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
     template = environment.from_string(TEMPLATE.read_text(encoding="utf-8"))
-    return template.render(title=title, runs=runs, sections=sections(runs, study))
+    return template.render(title=title, runs=runs, sections=sections(runs))
 
 
 @dataclass(frozen=True)
@@ -417,14 +385,9 @@ class Report:
 
 
 def report(
-    folders: list[Path], labels: list[str] | None = None, title: str = "", study: Path | None = None, start: float = -math.inf,
-    end: float = math.inf,
-) -> Report:  # fmt: skip
-    """Return the page about one or two results folders; HistoryError where they are damaged, or more.
-
-    Labels are the names of the folders, the title those of the decks, `study` the folder of a trade-off (beside the results). Rows
-    before start and after end do not count among the largest values [s].
-    """
+    folders: list[Path], labels: list[str] | None = None, title: str = "", start: float = -math.inf, end: float = math.inf
+) -> Report:
+    """Return the page about one or two results folders; rows from start to end count [s]; HistoryError: damaged, or more."""
     if len(folders) > 2:
         raise HistoryError(f"{len(folders)} runs: one, or two to compare, expected")
     labels = labels or [path.resolve().name for path in folders]
@@ -432,11 +395,11 @@ def report(
         raise HistoryError(f"{len(labels)} labels for {len(folders)} runs: one each expected")
     runs = [load(*found, start, end) for found in zip(folders, labels)]
     title = title or " – ".join(dict.fromkeys(run.figures["title"] or run.figures["deck"] for run in runs))
-    return Report(page(runs, title, study), {run.label: run.findings for run in runs})
+    return Report(page(runs, title), {run.label: findings(run) for run in runs})
 
 
 def work(args: argparse.Namespace) -> int:
     """Write the page and say where it is; raises HistoryError."""
-    found = report(args.runs, args.labels, args.title or "", args.tradeoff, args.start, args.end)
+    found = report(args.runs, args.labels, args.title or "", args.start, args.end)
     print(f"wrote {found.save(args.output or args.runs[0] / 'report.html')}")
     return 0

@@ -14,16 +14,12 @@ from .deck import Deck
 from .derivatives import HEADER, derivatives, rows_of
 from .design_runs import Design, DesignRuns, RunsOverError, Space
 from .figures import Tabular
-from .result_files import BielaError, HistoryError, remove_noted
+from .result_files import HistoryError, remove_noted
 from .sweep_study import Study, StudyOptions
 from .sweep_work import prepare, tell, write_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-class FailedDesignError(BielaError):
-    """The run of the design at which derivatives are wanted fails."""
 
 
 def design_of(study: Study, deck: Deck, space: Space, options: StudyOptions) -> tuple[np.ndarray, tuple]:
@@ -58,23 +54,6 @@ def design_of(study: Study, deck: Deck, space: Space, options: StudyOptions) -> 
     return position, tuple(choice)
 
 
-def lines_of(study: Study, space: Space, rows: list[list], units: list[str]) -> list[str]:
-    """Return the rows as lines of text."""
-    wide = max(len(one.name) for one in study.scalars), max(len(one.name) for one in space.free)
-    unit_of = {one.name: one.unit for one in space.free} | {one.name: unit for one, unit in zip(study.scalars, units)}
-    lines = [f"{'result':{wide[0]}}  {'by':{wide[1]}}  {'derivative':>11}  {'error':>8}  {'% per %':>8}  change by the spread"]
-    for name, parameter, _, slope, error, spread, change, _, relative in rows:
-        words = f"{name:{wide[0]}}  {parameter:{wide[1]}}  "
-        if not np.isfinite(slope):
-            lines.append(words + "not known: runs beside the design failed")
-            continue
-        change_words = f"{change:+.3g} {unit_of[name]}".rstrip() + f" by {spread:.3g} {unit_of[parameter]}".rstrip()
-        per = f"{relative:8.3g}" if np.isfinite(relative) else f"{'-':>8}"
-        unsure = "" if abs(slope) > error else "  (not more than its error)"
-        lines.append(f"{words}{slope:11.4g}  {error:8.1e}  {per}  {change_words}{unsure}")
-    return lines
-
-
 @dataclass(frozen=True)
 class Sensitivity(Tabular):
     """Derivatives of a study's results at one design."""
@@ -98,7 +77,18 @@ class Sensitivity(Tabular):
         for k, scalar in enumerate(self.study.scalars):
             value, error = self.base.values[own + k], self.errors[own + k]
             lines.append(f"  {scalar.name} = {value:.6g} {self.units[k]}".rstrip() + f" (error of the run {error:.1e})")
-        return lines + lines_of(self.study, self.space, self.rows, self.units)
+        wide = max(len(one.name) for one in self.study.scalars), max(len(one.name) for one in self.space.free)
+        unit_of = {one.name: one.unit for one in self.space.free} | dict(zip((one.name for one in self.study.scalars), self.units))
+        lines.append(
+            f"{'result':{wide[0]}}  {'by':{wide[1]}}  {'derivative':>11}  {'error':>8}  {'% per %':>8}  change by the spread"
+        )
+        for name, parameter, _, slope, error, spread, change, _, relative in self.rows:
+            by = f"{change:+.3g} {unit_of[name]}".rstrip() + f" by {spread:.3g} {unit_of[parameter]}".rstrip()
+            unsure = "" if abs(slope) > error else "  (not more than its error)"
+            told = f"{slope:11.4g}  {error:8.1e}  {relative:8.3g}  {by}{unsure}"
+            told = told if np.isfinite(slope) else "not known: runs beside the design failed"
+            lines.append(f"{name:{wide[0]}}  {parameter:{wide[1]}}  {told}")
+        return lines
 
     def picture(self) -> Figure:
         """Draw the changes by the spread of each parameter (a tornado)."""
@@ -120,7 +110,7 @@ def sensitivity(options: StudyOptions) -> Sensitivity:
             (base,) = runs.of([space.point(position, choice)])
             (checked,) = runs.of([base.point], check=True)
             if not base.ok or not checked.ok:
-                raise FailedDesignError("the design fails: " + (base.reason or checked.reason))
+                raise HistoryError("the design fails: " + (base.reason or checked.reason))
             scales = np.where(base.values != 0.0, np.abs(base.values), 1.0)
             found = derivatives(runs, space, base, position, choice, checked.errors, scales)
         except RunsOverError:
@@ -132,19 +122,10 @@ def sensitivity(options: StudyOptions) -> Sensitivity:
 
 
 def work(args: argparse.Namespace) -> int:
-    """Print and draw the sensitivities; returns 0, or 1 where the design itself fails."""
-    try:
-        found = sensitivity(options_of(args, StudyOptions))
-    except FailedDesignError as fault:
-        print(fault)
-        return 1
-    tell("sensitivity", found.warnings)
-    print("\n".join(found.report))
-    print(f"table: {found.folder / 'table.csv'}")
-    if not args.no_pictures:
-        from .picture_files import save
-
-        print(f"picture: {save(found.picture(), found.folder / 'tornado.png')}")
+    """Print and draw the sensitivities; returns 0."""
+    found = sensitivity(options_of(args, StudyOptions))
+    lines = [*found.report, f"table: {found.folder / 'table.csv'}"]
+    tell("sensitivity", found.warnings, lines, [] if args.no_pictures else found.draw("tornado.png"))
     return 0
 
 

@@ -1,8 +1,4 @@
-"""biela from Python: `run` calls the solver; `sweep`, `optimise`, `sensitivity`, `fit`, `tradeoff` do what the programs do.
-
-Every fault, such as a study, a deck or a table that is wrong, is a `BielaError` of few lines, those of the solver where it has
-stopped.
-"""
+"""biela from Python: `run` calls the solver, the others do what the programs do; every fault is a `BielaError` of few lines."""
 
 from __future__ import annotations
 
@@ -48,11 +44,7 @@ class SolverError(BielaError):
 
 
 class Result:
-    """What a run left in its `folder`: its tables, its figures, its warnings.
-
-    `result["tip.v"]` is a column of the history, `result.time` its times; `result.energy`, `.motion`, `.modes`, `.static` and
-    `.frequency_response` are the other tables, read when they are asked for.
-    """
+    """What a run left in its `folder`: `result["tip.v"]`, `.time` of the history, `.energy`, `.motion`, ..., `.summary`."""
 
     def __init__(self, folder: str | Path, keep: object = None) -> None:
         self.folder = Path(folder)
@@ -163,9 +155,8 @@ def _options(kind: type, tool: str, source: str | Path, folder: str | Path | Non
 def sweep(study: str | Path, folder: str | Path | None = None, **options: object) -> Sweep:
     """Run a study (STUDY.toml), what is not stored of it, and return its table.
 
-    The folder gets what is stored and table.csv (results/sweep/<study name>); options are those of `sweep_study.StudyOptions`
-    (`jobs=4`, `scheduler="tcp://..."`, `start`, `end` [s]). Returned: `to_dataframe()`, `best("min peak", ["area < 2e-4"])`,
-    `failed`, `quantiles` and `shares()` of random designs.
+    Options: those of `sweep_study.StudyOptions` (`jobs=4`, `scheduler="tcp://..."`, `start`, `end` [s]). Returned:
+    `to_dataframe()`, `best("min peak", ["area < 2e-4"])`, `failed`, `quantiles` and `shares()` of random designs.
     """
     from .sweep_work import sweep as make
 
@@ -173,10 +164,9 @@ def sweep(study: str | Path, folder: str | Path | None = None, **options: object
 
 
 def optimise(study: str | Path, folder: str | Path | None = None, **options: object) -> Optimum:
-    """Search the best design of a study; the folder gets history and optimum, options are those of `sweep` (`best="min mass"`).
+    """Search the best design of a study; options as of `sweep` (`best="min mass"`).
 
-    Returned: `parameters` and `results` of the best design, whether it is `feasible`, `prices` of the limits, `sensitivities`,
-    `runs`, `notes`, the `report` in lines; `to_dataframe()` has all runs.
+    Returned: `parameters`, `results`, `feasible`, `prices` of limits, `sensitivities`, `report`; `to_dataframe()` has all runs.
     """
     from .optimise_work import optimise as search
 
@@ -184,20 +174,16 @@ def optimise(study: str | Path, folder: str | Path | None = None, **options: obj
 
 
 def sensitivity(study: str | Path, folder: str | Path | None = None, **options: object) -> Sensitivity:
-    """Take derivatives of a study's results, with their errors; folder and options as of `sweep` (`at=["L=0.3"]`).
-
-    Returned: `to_dataframe()`, `report`, `picture()`. BielaError, too, where the design fails.
-    """
+    """Take derivatives of results, with errors; options as of `sweep` (`at=["L=0.3"]`): `to_dataframe()`, `report`, `picture()`."""
     from .sensitivity_work import sensitivity as take
 
     return take(_options(StudyOptions, "sensitivity", study, folder, options))
 
 
 def identify(study: str | Path, folder: str | Path | None = None, **options: object) -> Identified:
-    """Find parameters of a deck by least squares from what was measured (results with measure = 'misfit'); options as of `sweep`.
+    """Find parameters of a deck from what was measured (results with measure = 'misfit'); options as of `sweep`.
 
-    Returned: `parameters`, `intervals` (95 %), `untold`: combinations of which the data tell nothing, `covariance`, `misfit`,
-    `report`, `picture()`, `to_dataframe()`. BielaError, too, where there are too few data.
+    Returned: `parameters`, `intervals` (95 %), `untold`: combinations of which the data tell nothing, `report`, `picture()`.
     """
     from .identify_work import identify as find
 
@@ -207,8 +193,7 @@ def identify(study: str | Path, folder: str | Path | None = None, **options: obj
 def fit(table: str | Path, folder: str | Path | None = None, **options: object) -> MaterialFit:
     """Fit terms to a table of measured moduli; a folder gets NAME.nml and NAME.png, without it nothing is drawn.
 
-    Options are those of `fit_material.Options` (`density=1200` [kg/m3], `law="maxwell"`, `terms=3`). Returned: the `material`, its
-    `error` [-], `warnings`, the deck's `text`; `picture()`, `to_dataframe()`.
+    Options: those of `fit_material.Options` (`density=1200` [kg/m3], `law="maxwell"`). Returned: `material`, `error` [-], `text`.
     """
     from . import fit_material
 
@@ -219,10 +204,10 @@ def fit(table: str | Path, folder: str | Path | None = None, **options: object) 
 
 
 def tradeoff(deck: str | Path, folder: str | Path | None = None, **options: object) -> Tradeoff:
-    """Measure speed against accuracy of a deck: which method, step and model; the folder gets tradeoff.txt and recommended.nml.
+    """Measure speed against accuracy of a deck; the folder gets tradeoff.txt and recommended.nml.
 
-    Options are those of `tradeoff_settings.TradeoffOptions` (`sensor=["tip"]`, `tolerance=1e-3` [-], `time=60.0` [s]). Returned:
-    `verdict`, `text` of the table, whether it `meets` the tolerance, `recommended`, the deck's path; `to_dataframe()`.
+    Options: those of `tradeoff_settings.TradeoffOptions` (`sensor=["tip"]`, `tolerance=1e-3` [-], `time=60.0` [s]). Returned:
+    `verdict`, `text`, `meets`, `recommended`, the deck's path; `to_dataframe()`.
     """
     from .tradeoff_settings import TradeoffOptions
     from .tradeoff_work import tradeoff as measure
@@ -236,8 +221,7 @@ def spectrum(
     """Take the spectra of columns (wildcards allowed) of a result, a history, or a results folder, from start to end [s].
 
     Options: `orders="crank"`, the column of a drive's angle [rad], `turns=(-1, -1)`, `reference=1e-6` [unit of the column],
-    `most=5` lines a column. Returned: `lines` with frequency [Hz], error and amplitude; `amplitudes`, `densities`,
-    `to_dataframe()`, `picture()`.
+    `most=5` lines a column. Returned: `lines` (frequency [Hz], error, amplitude), `amplitudes`, `densities`, `picture()`.
     """
     from .spectrum_work import spectrum as take
 
@@ -246,10 +230,7 @@ def spectrum(
 
 
 def modes(run: str | Path | Result) -> Modes:
-    """Return the modes of a result, or a results folder, whose deck has a `&modal`.
-
-    Returned: `to_dataframe()` with frequencies [Hz], damping ratios [-] and poles [1/s], [rad/s]; `picture()`, `poles()`.
-    """
+    """Return the modes of a result or a results folder: `to_dataframe()` with [Hz], [-], [1/s], [rad/s]; `picture()`, `poles()`."""
     from .mode_pictures import Modes
 
     return Modes(run.modes if isinstance(run, Result) else read(run, "modes"))
@@ -258,8 +239,8 @@ def modes(run: str | Path | Result) -> Modes:
 def report(*runs: str | Path | Result, **options: object) -> Report:
     """Return a page (HTML) about a run, or about two side by side: results, or results folders.
 
-    Options: `labels=["old", "new"]`, `title`, `study`, the folder of a trade-off; `start`, `end`: rows that count [s]. Returned:
-    the `html`, the `findings` by run; `save(path)`, `to_dataframe()`.
+    Options: `labels=["old", "new"]`, `title`; `start`, `end`: rows that count [s]. Returned: the `html`, the `findings` by run;
+    `save(path)`, `to_dataframe()`.
     """
     from .report_page import report as write
 

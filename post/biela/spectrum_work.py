@@ -96,11 +96,7 @@ def turning_points(values: np.ndarray, least: float) -> np.ndarray:
 
 
 def decay(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-    """Return the rows of the turning points, and decrement, rate [1/s], frequency [Hz], damping ratio, size at time 0.
-
-    Half the way from each turning point to the next is the size of the swing, whatever it swings about, also where that drifts.
-    Its logarithm is fitted by a line; HistoryError where there are fewer than four.
-    """
+    """Return rows of turning points; decrement, rate [1/s], frequency [Hz], damping ratio, size at 0 of half the swings."""
     turns = turning_points(values, 1.0e-3 * np.ptp(values))
     if turns.size < 5:
         raise HistoryError(f"{turns.size} turning points, five or more are needed for a decay")
@@ -138,8 +134,7 @@ class Spectrum(Tabular):
     unit: str  # of it: 'Hz' or 'per turn'
     units: dict[str, str]  # of each column
     amplitudes: dict[str, tuple[np.ndarray, np.ndarray]]  # frequencies and amplitudes (Hann window, trend removed) of each column
-    # frequencies and power spectral density (Welch) of each column; none of whole turns
-    densities: dict[str, tuple[np.ndarray, np.ndarray]]
+    densities: dict[str, tuple[np.ndarray, np.ndarray]]  # frequencies and power spectral densities (Welch); none of whole turns
     lines: list[Line]  # of all columns
     reference: float = 0.0  # of levels in dB [unit of the columns]; 0: amplitudes
 
@@ -174,12 +169,7 @@ class Spectrum(Tabular):
 
 
 def spectrum(
-    run: History,
-    columns: list[str],
-    orders: str | None = None,
-    most: int = 5,
-    turns: tuple[int, int] | None = None,
-    reference: float = 0.0,
+    run: History, columns: list[str], orders: str | None = None, most: int = 5, turns: tuple | None = None, reference: float = 0.0
 ) -> Spectrum:
     """Take the spectra of columns, wildcards allowed, the most lines of each; HistoryError: no such column, or too few rows.
 

@@ -13,9 +13,9 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from dataclasses import asdict
 from pathlib import Path
 
+from .command import Progress
 from .deck import Deck
 from .mode_following import Followed
-from .progress import Progress
 from .result_files import HistoryError
 from .sweep_run import Batch, Row, common_settings, end_with_parent, run_batch, settings_of
 from .sweep_study import Study, StudyOptions
@@ -92,10 +92,7 @@ def keys(study: Study, text: str, solver: str, runs: list[tuple[str, ...]]) -> l
 def batches(
     study: Study, common: tuple[str, ...], runs: list[tuple[str, ...]], wanted: list[int], options: StudyOptions, folder: Path
 ) -> Iterator[Batch]:
-    """Yield batches of the runs that are still to be made, one a batch where each may take so long only.
-
-    Where cycles follow one another a batch is a whole row of them, over the values of the last parameter.
-    """
+    """Yield batches of the runs that are still to be made: single ones where time is limited, a row of cycles that follow."""
     size = max(1, min(BATCH if math.isinf(options.longest) else 1, len(wanted) // (4 * options.workers) or 1))
     parts = [wanted[first : first + size] for first in range(0, len(wanted), size)]
     if study.follow:
@@ -188,22 +185,16 @@ class StudyRuns:
 
     def run_all(self, study: Study, runs: list[tuple[str, ...]]) -> list[dict]:
         """Make runs (NAME=VALUE of each) that the journal lacks; return all; HistoryError: Ctrl-C, solver or journal fail."""
-        try:
-            return self._run_all(study, runs)
-        except OSError as fault:
-            raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None
-
-    def _run_all(self, study: Study, runs: list[tuple[str, ...]]) -> list[dict]:
-        self.digest = self.digest or digest(self.options.biela)
-        found = keys(study, self.text, self.digest, runs)
-        wanted = [k for k, key in enumerate(found) if self.options.keep or key not in self.journal.done]
-        begun, done = time.monotonic(), 0
-        common = common_settings(study, self.deck, not self.options.keep) if wanted else ()
-        waiting = batches(study, common, runs, wanted, self.options, self.folder)
-        if wanted and not self.pool:
-            self.pool = executor(self.options)
         running: set[Future] = set()
+        done, wanted = 0, []
         try:
+            self.digest = self.digest or digest(self.options.biela)
+            found = keys(study, self.text, self.digest, runs)
+            wanted = [k for k, key in enumerate(found) if self.options.keep or key not in self.journal.done]
+            begun = time.monotonic()
+            common = common_settings(study, self.deck, not self.options.keep) if wanted else ()
+            waiting = batches(study, common, runs, wanted, self.options, self.folder)
+            self.pool = self.pool or (executor(self.options) if wanted else None)
             while True:
                 while len(running) < 3 * self.options.workers and (batch := next(waiting, None)):
                     running.add(submit(self.pool, batch, self.options))
@@ -218,3 +209,5 @@ class StudyRuns:
                 self.progress.show("runs", done, len(wanted), f", {left:.0f} s left")
         except KeyboardInterrupt:
             raise HistoryError(f"interrupted after {done} of {len(wanted)} runs; the same command continues") from None
+        except OSError as fault:
+            raise HistoryError(f"{fault.filename or self.folder}: {fault.strerror or fault}") from None

@@ -10,12 +10,10 @@ from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .derivatives import rows_of
 from .design_runs import Design, Space
 from .optimum import Optimum
 from .picture_files import save, subplots
 from .plot import COLOURS, LOOK, axis_label, mark_beyond, pretty_unit, stacked
-from .quantiles import Quantile
 from .sweep_study import Study
 
 ROUNDED = 1.0e-6  # by which a multiplier of 1 may be above it
@@ -32,7 +30,9 @@ def draw(
     numeric = {k: all(isinstance(row[k], (int, float)) for row in rows) for k in free}
     if not free or not good:
         return []
-    if len(free) == 2 and all(numeric.values()) and all(len(study.parameters[k].values) > 1 for k in free) and _is_grid(rows, free):
+    lists = [{row[k] for row in rows} for k in free]
+    grid = len({tuple(row[k] for k in free) for row in rows}) == np.prod([len(one) for one in lists])
+    if len(free) == 2 and all(numeric.values()) and all(len(study.parameters[k].values) > 1 for k in free) and grid:
         return [_map(study, header, rows, free, result, folder, best, limits) for result in results]
     groups: dict[object, list[int]] = {}  # orders of one column share a panel
     for result, scalar in zip(results, study.scalars):
@@ -54,9 +54,9 @@ def draw(
                     _shade_unstable(axis, study, rows, k)
                 if axis.get_legend_handles_labels()[0]:
                     axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=6)
-            words = header[group[0]] if len(group) == 1 else f"orders of {study.scalars[group[0] - results[0]].column}["
-            unit = header[group[0]].partition("[")[2]
-            line[0].set_ylabel(pretty_unit((words if len(group) == 1 else words + unit).replace("[", " [")))
+            name, unit = header[group[0]].split("[") if "[" in header[group[0]] else (header[group[0]], "")
+            words = name if len(group) == 1 else f"orders of {study.scalars[group[0] - results[0]].column}"
+            line[0].set_ylabel(axis_label(words, unit.rstrip("]")))
     return [save(figure, folder / "curves")]
 
 
@@ -74,7 +74,7 @@ def _shade_unstable(axis: Axes, study: Study, rows: list[list], k: int) -> None:
         shown[0].set_label("unstable cycle")
 
 
-def draw_distributions(study: Study, header: list[str], rows: list[list], quantiles: list[Quantile], limits, folder: Path) -> Path:
+def draw_distributions(study: Study, header: list[str], rows: list[list], quantiles: list, limits, folder: Path) -> Path:
     """Draw which share of random designs has at most each value of each result, with the quantiles and their intervals."""
     own, count = len(study.parameters), len(study.scalars)
     with mpl.rc_context(LOOK):
@@ -122,12 +122,6 @@ def draw_identified(study: Study, best: Design, units: list[str]) -> Figure:
                 axis.legend(loc="upper right", ncols=2)
         axes[-1, 0].set_xlabel("f [Hz]" if misfits[-1][0].file == "frequency_response" else "t [s]")
     return figure
-
-
-def _is_grid(rows: list[list], free: list[int]) -> bool:
-    """Return whether every value of one parameter meets every value of the other."""
-    one, two = ({row[k] for row in rows} for k in free)
-    return len({(row[free[0]], row[free[1]]) for row in rows}) == len(one) * len(two)
 
 
 def _map(study: Study, header: list[str], rows: list[list], free: list[int], result: int, folder: Path, best, limits) -> Path:
@@ -181,16 +175,6 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
 CURVES = 6  # parameters, limits of one panel
 
 
-def draw_search(found: Optimum) -> list[Path]:
-    """Draw the history of a search and the tornado of its optimum; returns the pictures' paths."""
-    paths = [save(history(found), found.folder / "history.png")]
-    if found.slopes is not None:
-        rows = rows_of(found.study, found.space, found.best, found.slopes)
-        figure = tornado(found.study, found.space, rows, found.units, "the optimum")
-        paths.append(save(figure, found.folder / "tornado.png"))
-    return paths
-
-
 def history(found: Optimum) -> Figure:
     """Draw objective, limits and free parameters of each run in its order."""
     goal, made, names = found.goal, found.made, found.names
@@ -205,10 +189,9 @@ def history(found: Optimum) -> Figure:
         figure, axes = subplots(panels, 1, figsize=(8.0, 1.2 + 2.1 * panels), sharex=True, squeeze=False)
         top, rest = axes[0, 0], list(axes[1:, 0])
         objective = values[:, goal.column]
-        top.plot(
-            number[~fine & ~failed], objective[~fine & ~failed], "o", mfc="none", color=COLOURS[1], ms=4, label="misses a limit"
-        )
-        top.plot(number[fine], objective[fine], "o", color=COLOURS[0], ms=4, label="meets all limits" if limits else "run")
+        looks = {COLOURS[1]: (~fine & ~failed, "misses a limit"), COLOURS[0]: (fine, "meets all limits" if limits else "run")}
+        for colour, (runs, label) in looks.items():
+            top.plot(number[runs], objective[runs], "o", mfc=colour if runs is fine else "none", color=colour, ms=4, label=label)
         best = np.minimum.accumulate(np.where(fine, goal.sign * np.nan_to_num(objective), np.inf))
         known = np.isfinite(best)
         top.step(number[known], goal.sign * best[known], where="post", color="black", lw=1.0, label="best so far")
@@ -216,31 +199,28 @@ def history(found: Optimum) -> Figure:
         low, high = np.quantile(shown, (0.0, 0.9) if goal.sign > 0 else (0.1, 1.0))
         room = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
         top.set_ylim(low - room, high + room)
-        for runs, colour in ((~fine & ~failed, COLOURS[1]), (fine, COLOURS[0])):
+        for colour, (runs, _) in looks.items():
             mark_beyond(top, number[runs], objective[runs], colour)
         if failed.any():
             top.plot(number[failed], np.full(failed.sum(), low - 0.7 * room), "x", color="black", ms=5, label="failed")
         top.set_ylabel(axis_label(names[goal.column], units[goal.column]))
-        figure.suptitle(
-            f"{found.study.name}: {'min' if goal.sign > 0 else 'max'} {names[goal.column]}, {found.runs} runs", fontsize=10
-        )
+        goal_words = f"{'min' if goal.sign > 0 else 'max'} {names[goal.column]}"
+        figure.suptitle(f"{found.study.name}: {goal_words}, {found.runs} runs", fontsize=10)
         if limits:
             axis = rest.pop(0)
-            for k, (column, limit) in enumerate(list(limits.items())[:CURVES]):
-                sign = "<" if limit.sign > 0 else ">"
-                axis.plot(number, values[:, column] / limit.bound, ".", ms=5, color=COLOURS[k % len(COLOURS)],
-                          label=f"{names[column]} {sign} {limit.bound:.4g}")  # fmt: skip
             axis.axhline(1.0, color="black", lw=0.8, ls="--")
             axis.set(ylabel="value / limit", ylim=(0.0, 2.5))
-            for k, (column, limit) in enumerate(list(limits.items())[:CURVES]):
-                mark_beyond(axis, number, values[:, column] / limit.bound, COLOURS[k % len(COLOURS)])
+            for colour, (column, limit) in zip(COLOURS[:CURVES], limits.items()):
+                label = f"{names[column]} {'<' if limit.sign > 0 else '>'} {limit.bound:.4g}"
+                axis.plot(number, values[:, column] / limit.bound, ".", ms=5, color=colour, label=label)
+                mark_beyond(axis, number, values[:, column] / limit.bound, colour)
         if found.space.free:
             axis = rest.pop(0)
+            axis.set(ylabel="share of its range", ylim=(-0.05, 1.05))
             for k, one in enumerate(found.space.free[:CURVES]):
                 shares = [found.space.unit(k, design.point[one.name]) for design in made]
-                axis.plot(number, shares, ".", ms=5, color=COLOURS[k % len(COLOURS)],
-                          label=f"{one.name}, {one.ends[0]:.4g} to {one.ends[1]:.4g} {pretty_unit(one.unit)}".rstrip())  # fmt: skip
-            axis.set(ylabel="share of its range", ylim=(-0.05, 1.05))
+                label = f"{one.name}, {one.ends[0]:.4g} to {one.ends[1]:.4g} {pretty_unit(one.unit)}".rstrip()
+                axis.plot(number, shares, ".", ms=5, color=COLOURS[k], label=label)
         axes[-1, 0].set_xlabel("run")
         for axis in axes[:, 0]:
             axis.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)
@@ -258,9 +238,7 @@ def tornado(study: Study, space: Space, rows: list[list], units: list[str], at: 
             part = [row for row in rows if row[0] == scalar.name][::-1]
             changes = np.nan_to_num([row[6] for row in part])
             errors = np.nan_to_num([row[7] for row in part])
-            axis.barh(
-                range(len(part)), changes, color=[COLOURS[0] if change >= 0.0 else COLOURS[1] for change in changes], height=0.6
-            )
+            axis.barh(range(len(part)), changes, 0.6, color=[COLOURS[int(change < 0.0)] for change in changes])
             axis.errorbar(changes, range(len(part)), xerr=errors, fmt="none", ecolor="black", capsize=3, lw=1.0)
             axis.set_yticks(range(len(part)), [f"{row[1]} + {row[5]:.3g} {pretty_unit(unit_of[row[1]])}".rstrip() for row in part])
             axis.axvline(0.0, color="black", lw=0.8)

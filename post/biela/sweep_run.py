@@ -1,8 +1,4 @@
-"""Runs a batch of a sweep's decks, each with its values: one call of the solver for all, numbers taken from the results.
-
-A batch is what a worker gets at a time, on this machine or another: a run lasts milliseconds, so that starting the solver and
-handing over one run at a time would cost more than the run.
-"""
+"""Runs a batch of a study's decks, what a worker gets at a time: one call of the solver for all, numbers taken from the results."""
 
 from __future__ import annotations
 

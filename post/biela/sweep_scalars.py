@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from . import fatigue
-from .histories import History, read
+from .histories import History, read, read_summary
 from .result_files import RESULT_FILES, HistoryError
 
 FILES = [file for file in RESULT_FILES if file != "motion"]
@@ -34,13 +33,7 @@ class Scalar:
     """A number that is measured of each run."""
 
     name: str  # column of the table
-    # peak (largest size), rms, range, min, max, mean, final, value (interpolated at `at`), decay_rate (of the peaks' envelope
-    # [1/s]), settling_time (after which it stays near its `target` [s], NaN where it does not), spectral_peak (frequency of the
-    # largest amplitude [Hz]), order (amplitude of that order of `period`), damage (by rainflow counts), misfit (rms difference from
-    # what was `measured`), mass (of the body that `column` names, of all bodies without it [kg]), frequency [Hz] or damping_ratio
-    # of the vibration `mode`, or summary (a figure of summary.json named by `key`). An extreme is that of a polynomial through
-    # seven rows where these show a smooth crest, else that of the rows: at corners and jumps nothing exceeds what the run wrote.
-    measure: str
+    measure: str  # what it is, one of MEASURES (post/README.md); NaN where it has none
     column: str = ""  # of the file; of a response that was measured the sensor's, without .amplitude and .phase
     file: str = "history"  # history, energy, static, modes or frequency_response
     at: float = 0.0  # time, load or frequency of `value`
@@ -49,63 +42,55 @@ class Scalar:
     within: float = 0.0  # in place of `band` [unit of the column]
     start: float = -np.inf  # rows before this time do not count [s]
     end: float = np.inf  # rows after this time do not count [s]
-    # whole ones count: its length [s], or the name of a column of the file that holds an angle [rad], a turn of which is one; 0:
-    # all rows count
-    period: float | str = 0.0
+    period: float | str = 0.0  # whole ones count: its length [s], or a column with an angle [rad], a turn of which is one; 0: none
     periods: int = 0  # how many, the last ones; 0: all that the rows hold
     order: float = 0.0  # of `order`: how often it vibrates in a period; without a period all rows are one
-    # of `rms` and `order`: the number is the level of the rms value in dB, 20 lg(rms/reference) [unit of the column]
-    reference: float = 0.0
+    reference: float = 0.0  # of `rms` and `order`, that are levels in dB then: 20 lg(rms/reference) [unit of the column]
     strength: float = 0.0  # of `damage`: amplitude that the material bears `cycles` times [unit of the column]
     cycles: float = 2.0e6  # of `strength`
     slope: float = 0.0  # of the line of `strength`: the cycles borne fall with this power of the amplitude
-    # of `damage`: amplitudes are divided by 1 - mean/ultimate (Goodman) [unit of the column]; inf: means do not count
-    ultimate: float = np.inf
+    ultimate: float = np.inf  # of `damage`: amplitudes over 1 - mean/ultimate count (Goodman) [unit of the column]
     measured: tuple[tuple[float, ...], ...] = ()  # times or frequencies and values, of a response real and imaginary parts
     error: float = 0.0  # standard error of what was measured [unit of the column]; 0: not known
     key: str = ""  # of `summary`, parts separated by dots
     stated_unit: str = ""  # of `summary`, whose figures have none
     mode: int = 0  # number of a vibration, 1 the lowest: among the damped ones where there are such
-    # of that vibration in the study's deck, real and imaginary parts of displacements in turn [m]; it is followed
-    shape: tuple[float, ...] = ()
+    shape: tuple[float, ...] = ()  # of that in the study's deck, real and imaginary parts of displacements in turn [m]
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.isidentifier():
-            raise ValueError(f"name = {self.name!r}: a word of letters, digits and _ expected")
-        if self.measure not in MEASURES:
-            raise ValueError(f"measure = {self.measure!r}: one of {', '.join(MEASURES)} expected")
-        if self.file not in FILES:
-            raise ValueError(f"file = {self.file!r}: one of {', '.join(FILES)} expected")
-        if self.measure == "summary" and not (self.key and isinstance(self.key, str)):
-            raise ValueError("measure = 'summary' needs key = 'a.figure.of.summary.json'")
-        if self.measure == "summary" and self.key.startswith("modes.poles."):
+        def need(good: object, words: str) -> None:
+            if not good:
+                raise ValueError(words)
+
+        names = isinstance(self.column, str)
+        named = isinstance(self.name, str) and self.name.isidentifier()
+        need(named, f"name = {self.name!r}: a word of letters, digits and _ expected")
+        need(self.measure in MEASURES, f"measure = {self.measure!r}: one of {', '.join(MEASURES)} expected")
+        need(self.file in FILES, f"file = {self.file!r}: one of {', '.join(FILES)} expected")
+        if self.measure == "summary":
+            need(self.key and isinstance(self.key, str), "measure = 'summary' needs key = 'a.figure.of.summary.json'")
             wanted = "measure = 'frequency' or 'damping_ratio' with mode = N expected"
-            raise ValueError(f"key = {self.key!r}: poles have no fixed places; {wanted}")
-        if self.measure in OF_MODE and (type(self.mode) is not int or self.mode < 1):
-            raise ValueError(f"measure = {self.measure!r} needs mode = N, the number of a vibration, 1 or more")
-        if self.measure == "mass" and not isinstance(self.column, str):
-            raise ValueError(f"column = {self.column!r}: the name of a body expected")
-        if not self.of_summary and not self.mode and not (self.column and isinstance(self.column, str)):
-            raise ValueError(f"measure = {self.measure!r} needs a column")
+            need(not self.key.startswith("modes.poles."), f"key = {self.key!r}: poles have no fixed places; {wanted}")
+        of_mode = self.measure not in OF_MODE or (type(self.mode) is int and self.mode > 0)
+        need(of_mode, f"measure = {self.measure!r} needs mode = N, the number of a vibration, 1 or more")
+        need(self.measure != "mass" or names, f"column = {self.column!r}: the name of a body expected")
+        need(self.of_summary or self.mode or (self.column and names), f"measure = {self.measure!r} needs a column")
         numbers = {"at": self.at, "from": self.start, "to": self.end, "target": self.target or 0.0}
-        above = {word: getattr(self, word) for word in ("band", "within", "periods", "order", "reference", "error")}
-        above |= {word: getattr(self, word) for word in ("strength", "cycles", "slope", "ultimate")}
-        above |= {} if isinstance(self.period, str) else {"period": self.period}
-        for word, value in (numbers | above).items():
-            if type(value) not in (int, float) or (word in above and not value >= 0.0):
-                raise ValueError(f"{word} = {value!r}: a number expected" + (", 0 or more" if word in above else ""))
+        above = ("band", "within", "periods", "order", "reference", "error", "strength", "cycles", "slope", "ultimate", "period")
+        numbers |= {word: getattr(self, word) for word in above if word != "period" or not isinstance(self.period, str)}
+        for word, value in numbers.items():
+            good = type(value) in (int, float) and (word not in above or value >= 0.0)
+            need(good, f"{word} = {value!r}: a number expected" + (", 0 or more" if word in above else ""))
         owners = {"reference": ("rms", "order"), "order": ("order",), "strength": ("damage",), "within": ("settling_time",)}
         for word, measures in (owners | {"measured": ("misfit",), "error": ("misfit",)}).items():
-            if getattr(self, word) and self.measure not in measures:
-                told = "data" if word == "measured" else word
-                raise ValueError(f"{told} belongs to measure = {' or '.join(map(repr, measures))}")
+            told = "data" if word == "measured" else word
+            good = not getattr(self, word) or self.measure in measures
+            need(good, f"{told} belongs to measure = {' or '.join(map(repr, measures))}")
         for measure, words in (("order", ("order",)), ("damage", ("strength", "cycles", "slope"))):
-            if self.measure == measure and not all(getattr(self, word) for word in words):
-                raise ValueError(f"measure = {measure!r} needs {', '.join(words)}")
-        if type(self.periods) is not int:
-            raise ValueError(f"periods = {self.periods!r}: a whole number expected")
-        if self.measure == "misfit" and not self.measured:
-            raise ValueError("measure = 'misfit' needs data = 'FILE.csv', what was measured")
+            good = self.measure != measure or all(getattr(self, word) for word in words)
+            need(good, f"measure = {measure!r} needs {', '.join(words)}")
+        need(type(self.periods) is int, f"periods = {self.periods!r}: a whole number expected")
+        need(self.measure != "misfit" or self.measured, "measure = 'misfit' needs data = 'FILE.csv', what was measured")
 
     @property
     def of_summary(self) -> bool:
@@ -125,11 +110,9 @@ class Scalar:
 
     def unit(self, of_column: str, of_axis: str) -> str:
         """Return the unit of the number, from those of its column and of the file's first column."""
-        if self.measure == "settling_time":
-            return of_axis
         if self.reference:
             return f"dB re {self.reference:g} {of_column}".rstrip()
-        named = {"decay_rate": f"1/{of_axis}", "spectral_peak": "Hz", "frequency": "Hz"}
+        named = {"settling_time": of_axis, "decay_rate": f"1/{of_axis}", "spectral_peak": "Hz", "frequency": "Hz"}
         named |= dict.fromkeys(("damping_ratio", "summary", "damage"), "")
         return named.get(self.measure, of_column)
 
@@ -209,10 +192,9 @@ def maxima(axis: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
 
 
 def _summit(axis: np.ndarray, values: np.ndarray, k: int) -> tuple[float, float]:
-    """Return position and value of the maximum near the row k, by polynomials through its neighbours.
+    """Return position and value of the maximum near the row k, by polynomials through neighbours; at ends, corners, jumps its own.
 
-    The row itself counts at an end, and at a corner or a jump, above which nothing is known. Where the polynomial through seven
-    rows does not agree with the parabola through three, the parabola counts.
+    Where the polynomial through seven rows does not agree with the parabola through three, the parabola counts.
     """
     found = axis[k], values[k]
     rise = 0.0
@@ -282,10 +264,7 @@ def orders(turned: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def decay_rate(time: np.ndarray, values: np.ndarray) -> float:
-    """Return the rate at which the peaks about the mean decay: minus the slope of the logarithm of their sizes [1/s].
-
-    NaN where there are fewer than three peaks.
-    """
+    """Return the rate at which peaks about the mean decay: minus the slope of their sizes' logarithm [1/s]; NaN: below three."""
     size = np.abs(values - values.mean())
     inner = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:])) + 1
     inner = inner[size[inner] > 0.0]
@@ -295,10 +274,7 @@ def decay_rate(time: np.ndarray, values: np.ndarray) -> float:
 
 
 def settling_time(time: np.ndarray, values: np.ndarray, target: float | None, within: float) -> float:
-    """Return the time after which values stay within that distance of the target, of the last one where it is None [s].
-
-    NaN where the last one is farther away.
-    """
+    """Return when values begin to stay that near to the target (None: the last one) [s]; NaN where the last one is not."""
     off = np.abs(values - (values[-1] if target is None else target)) - within
     outside = np.flatnonzero(off > 0.0)
     if not outside.size:
@@ -323,9 +299,8 @@ def spectral_peak(time: np.ndarray, values: np.ndarray) -> float:
 def spectral_line(size: np.ndarray, k: int) -> tuple[float, float, float]:
     """Return the place of a line beside the peak k of a spectrum by a Hann window, its error, both in its steps, and its amplitude.
 
-    The window's shape gives the place from the peak and either of its neighbours (Grandke, IEEE Trans. Instrum. Meas. 32, 1983).
-    Both agree where one steady line is there; where it decays, or another one is near, they differ: twice that is the error, which
-    holds for 19 of 20 lines that stand two steps or more apart.
+    Peak and either neighbour give the place (Grandke, IEEE Trans. Instrum. Meas. 32, 1983). Where both differ the line decays, or
+    another one is near: twice that is the error, which holds for 19 of 20 lines that stand two steps or more apart.
     """
     if not 0 < k < size.size - 1:
         return float(k), 0.5, float(size[k])
@@ -341,8 +316,7 @@ class Measured:
 
     values: list[float] = field(default_factory=list)  # of the scalars
     units: list[str] = field(default_factory=list)  # of them
-    # position and value of the extremes from which each is taken, where it is one of several
-    extremes: list[list[tuple[float, float]]] = field(default_factory=list)
+    extremes: list[list[tuple[float, float]]] = field(default_factory=list)  # positions and values, where it is one of several
     errors: list[float] = field(default_factory=list)  # of the values, by the run's own `check_error`, where that was asked for
     differences: list[list[float]] = field(default_factory=list)  # from data, of each misfit, where the extremes were asked for
     modes: list[list] = field(default_factory=list)  # frequency [Hz], damping ratio and shape of vibrations, where one is followed
@@ -387,10 +361,7 @@ def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: 
 
 
 def _modes(folder: Path, most: int) -> list[list]:
-    """Return frequency [Hz], damping ratio and shape of the lowest vibrations of a run, of which `mode_following` takes its own.
-
-    Of a shape stand real and imaginary parts in turn, to a ten-thousandth of the largest.
-    """
+    """Return frequency [Hz], damping ratio and shape (real and imaginary parts in turn, to 1e-4) of the lowest vibrations."""
     table = read(folder, "modes")
     rows, shapes = vibrations(table)
     parts = [np.stack([shape.real, shape.imag], axis=1).ravel() for shape in shapes[:most]]
@@ -399,10 +370,7 @@ def _modes(folder: Path, most: int) -> list[list]:
 
 
 def vibrations(table: History) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows of a modes file that are vibrations, the lowest first, and their displacements, shape (rows, columns).
-
-    They are the damped ones where there are such.
-    """
+    """Return the rows of vibrations in a modes file (damped ones where there are), the lowest first, and their displacements."""
     kind = 1 if np.any(table["kind"] == 1) else 0
     rows = np.flatnonzero((table["kind"] == kind) & (table["frequency"] > 0.0))
     names = [name[: -len(".re")] for name in table.names if name.endswith(".re") and table.units[name] == "m"]
@@ -412,12 +380,11 @@ def vibrations(table: History) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _errors(folder: Path, scalars: tuple[Scalar, ...], values: list[float], tables: dict) -> list[float]:
-    """Return the errors of numbers.
+    """Return the errors of numbers: of columns as estimated, and what is lost between rows, as half of the rows tell.
 
-    Of a column of the history: its estimated error, and what is lost between rows, as half of the rows tell. Of another number
-    of a run in time: the part of its range that the worst column errs by. Of other analyses: what rounding leaves.
+    Of another number of a run in time: the part of its range that the worst column errs by. Of other analyses: rounding.
     """
-    transient = json.loads((folder / "summary.json").read_text(encoding="utf-8", errors="replace")).get("transient", {})
+    transient = read_summary(folder).get("transient", {})
     columns = {name.partition("[")[0]: error or 0.0 for name, error in transient.get("estimated_errors", {}).items()}
     worst = transient.get("worst_error_of_range") or 0.0
     found = []
@@ -440,16 +407,14 @@ def _errors(folder: Path, scalars: tuple[Scalar, ...], values: list[float], tabl
 def _summary_figure(folder: Path, key: str) -> float:
     """Return a figure of summary.json by its path of keys, an item of a list by its position or its name; '*' is the sum of all."""
     try:
-        found = [json.loads((folder / "summary.json").read_text(encoding="utf-8", errors="replace"))]
+        found: list = [read_summary(folder)]
         for part in key.split("."):
-            found = [item for one in found for item in (one if part == "*" else [_item(one, part)])]
+            if part == "*":
+                found = [item for one in found for item in one]
+            elif isinstance(found[0], dict) or part.isdigit():
+                found = [one[int(part) if isinstance(one, list) else part] for one in found]
+            else:  # of a list of objects with names
+                found = [{str(item["name"]).lower(): item for item in one}[part.lower()] for one in found]
         return float(sum(float(one) for one in found))
-    except (OSError, KeyError, IndexError, TypeError, ValueError):
+    except (HistoryError, KeyError, IndexError, TypeError, ValueError):
         raise ValueError(f"summary.json has no figure {key!r}") from None
-
-
-def _item(found: dict | list, part: str) -> object:
-    """Return an item of an object by its key, of a list by its number or by the name of an object in it."""
-    if isinstance(found, dict) or part.isdigit():
-        return found[int(part) if isinstance(found, list) else part]
-    return {str(one["name"]).lower(): one for one in found}[part.lower()]

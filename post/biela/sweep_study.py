@@ -1,24 +1,4 @@
-"""What a sweep varies and what it measures, read from a TOML file (see post/README.md).
-
-    deck = "slider_crank.nml"            # relative to this file
-    design = "grid"                      # or "zip", "latin_hypercube", "random" (samples, seed)
-    [[parameter]]
-    name = "height"                      # of a &parameter of the deck; with `set` only how the table calls it
-    unit = "m"                           # as the table and the pictures show it; optional
-    values = [0.010, 0.012]              # or: from, to, points, spacing = "linear" | "log"
-    set = ["section/rod/height"]         # in a deck without that parameter: group/name/variable, group/variable, .../variable(2)
-    catalogue = "tubes.csv"              # or rows of a table, beside this file: a name, then values of the deck's parameters
-    start, spread                        # where a search begins; by how much the parameter may be off [unit of the parameter]
-    mean, deviation                      # in place of values: of a normal distribution, in design = "random"
-    [[result]]
-    name = "peak"                        # how the table calls it
-    measure = "peak"                     # the kinds of sweep_scalars.py
-    column = "mid.v"
-    best = "min mass"                    # for post/optimise.py, and for sweep.py without --best, --where
-    where = ["peak < 1e-3"]
-
-What follows from a parameter says the deck itself: `&parameter name='area' value={width*height} /`.
-"""
+"""What a sweep varies and what it measures, read from a TOML file (post/README.md says what one can state)."""
 
 from __future__ import annotations
 
@@ -63,8 +43,7 @@ class Parameter:
     ends: tuple[float, float] | None = None  # between which it is free, none where it takes its values alone
     start: float | None = None  # where a search begins
     spread: float | None = None  # by how much it may be off
-    # the deck's parameters of each value, which is the name of a row
-    catalogue: dict[str, dict[str, float]] = field(default_factory=dict)
+    catalogue: dict[str, dict[str, float]] = field(default_factory=dict)  # the deck's parameters by the value, a row's name
     deviation: float = 0.0  # standard deviation about its one value, in a random design
 
     def settings(self, value: object) -> dict[str, object]:
@@ -72,11 +51,6 @@ class Parameter:
         if self.catalogue:
             return self.catalogue[value]
         return {} if self.targets else {self.name: value}
-
-    @property
-    def deck_names(self) -> list[str]:
-        """The deck's parameters that it sets."""
-        return list(self.settings(self.values[0]))
 
     @property
     def label(self) -> str:
@@ -130,6 +104,11 @@ class Study:
     follow: bool = False  # cycles of `&periodic` start from that of the last value of the last parameter
     measured: object = None  # a record that measures a run in place of scalars: `of(folder)`, and the `names` of what it gives
 
+    @property
+    def columns(self) -> tuple[Parameter | Scalar, ...]:
+        """Parameters and results, as in the table."""
+        return (*self.parameters, *self.scalars)
+
 
 def read(path: Path, design: bool = True) -> Study:
     """Read a study, without the points of its design where they are not wanted; StudyError names the file and what is wrong."""
@@ -146,134 +125,120 @@ def read(path: Path, design: bool = True) -> Study:
         raise StudyError(f"{path}: {fault}") from None
 
 
+def _need(good: object, words: str) -> None:
+    """Refuse a study, in words, where something is not as it should be; StudyError."""
+    if not good:
+        raise StudyError(words)
+
+
 def _study(path: Path, content: dict, design: bool) -> Study:
     """Return the study that a TOML file states."""
     words = ("deck", "design", "samples", "seed", "quantiles", "follow", "parameter", "result", "best", "where", "starts", "runs")
     _known(content, words, "the study")
-    if not isinstance(content.get("deck"), str):
-        raise StudyError("deck = 'FILE.nml' is missing")
+    _need(isinstance(content.get("deck"), str), "deck = 'FILE.nml' is missing")
     parameters = tuple(_parameter(entry, path.parent) for entry in _tables(content, "parameter"))
     scalars = tuple(_scalar(entry, path.parent) for entry in _tables(content, "result"))
-    if not parameters:
-        raise StudyError("no [[parameter]] is given")
-    if not scalars:
-        raise StudyError("no [[result]] is given")
     names = [one.name for one in (*parameters, *scalars)]
     twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise StudyError(f"the name {twice[0]!r} is given twice")
+    _need(not twice, f"the name {''.join(map(repr, twice[:1]))} is given twice")
     best, where = content.get("best", ""), content.get("where", [])
-    if not isinstance(best, str) or not isinstance(where, list) or not all(isinstance(one, str) for one in where):
-        raise StudyError("best = 'min NAME' and where = ['NAME < VALUE'] expected")
+    listed = isinstance(where, list) and all(isinstance(one, str) for one in where)
+    _need(isinstance(best, str) and listed, "best = 'min NAME' and where = ['NAME < VALUE'] expected")
     counts = {word: content[word] for word in ("starts", "runs") if word in content}
     for word, value in counts.items():
-        if type(value) is not int or value < 1:
-            raise StudyError(f"{word} = {value!r}: a whole number of at least 1 expected")
+        _need(type(value) is int and value > 0, f"{word} = {value!r}: a whole number of at least 1 expected")
     points = _points(content, parameters) if design else ()
-    deck = (path.parent / content["deck"]).resolve()
     levels = content.get("quantiles", [0.05, 0.5, 0.95])
-    if not isinstance(levels, list) or not levels or not all(type(one) in (int, float) and 0.0 < one < 1.0 for one in levels):
-        raise StudyError(f"quantiles = {levels!r}: numbers between 0 and 1 expected")
+    listed = isinstance(levels, list) and levels and all(type(one) in (int, float) and 0.0 < one < 1.0 for one in levels)
+    _need(listed, f"quantiles = {levels!r}: numbers between 0 and 1 expected")
     levels = tuple(sorted(levels)) if design and content.get("design") == "random" else ()
     follow = content.get("follow", False)
-    if not isinstance(follow, bool) or (follow and content.get("design", "grid") not in ("grid", "zip")):
-        raise StudyError(f"follow = {follow!r}: true or false expected, with design = 'grid' or 'zip'")
-    return Study(path.stem, deck, parameters, scalars, points, best, tuple(where), **counts, quantiles=levels, follow=follow)
+    ordered = isinstance(follow, bool) and (not follow or content.get("design", "grid") in ("grid", "zip"))
+    _need(ordered, f"follow = {follow!r}: true or false expected, with design = 'grid' or 'zip'")
+    deck, more = (path.parent / content["deck"]).resolve(), dict(**counts, quantiles=levels, follow=follow)
+    return Study(path.stem, deck, parameters, scalars, points, best, tuple(where), **more)
 
 
 def _known(entry: dict, words: tuple[str, ...], what: str) -> None:
     """Refuse words that mean nothing."""
     unknown = sorted(set(entry) - set(words))
-    if unknown:
-        raise StudyError(f"{what}: {unknown[0]!r} is not known; one of {', '.join(words)} expected")
+    _need(not unknown, f"{what}: {''.join(map(repr, unknown[:1]))} is not known; one of {', '.join(words)} expected")
 
 
 def _tables(content: dict, kind: str) -> list[dict]:
     """Return the tables [[kind]] of a study."""
     found = content.get(kind, [])
-    if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
-        raise StudyError(f"{kind}: tables [[{kind}]] expected")
+    tables = isinstance(found, list) and all(isinstance(entry, dict) for entry in found)
+    _need(tables, f"{kind}: tables [[{kind}]] expected")
+    _need(found, f"no [[{kind}]] is given")
     return found
-
-
-def _target(text: object) -> str:
-    """Return the variable that is named."""
-    if not isinstance(text, str) or not TARGET.fullmatch(text):
-        raise StudyError(f"set: {text!r}: 'group/name/variable', 'group/variable' or '.../variable(2)' expected")
-    return text
 
 
 def _parameter(entry: dict, folder: Path) -> Parameter:
     """Return one [[parameter]]; folder: of the study."""
-    if "expression" in entry:
-        raise StudyError("expression: expected in the deck, &parameter name='...' value={...}, whose value follows those that vary")
+    instead = "expected in the deck, &parameter name='...' value={...}, whose value follows those that vary"
+    _need("expression" not in entry, f"expression: {instead}")
     _known(entry, PARAMETER_WORDS, "[[parameter]]")
     name = entry.get("name", "")
-    if not isinstance(name, str) or not name.isidentifier():
-        raise StudyError(f"[[parameter]] name = {name!r}: a word of letters, digits and _ expected")
-    target_texts = entry.get("set", [])
-    targets = tuple(_target(text) for text in (target_texts if isinstance(target_texts, list) else [target_texts]))
-    if sum(word in entry for word in ("values", "from", "catalogue", "mean")) != 1:
-        raise StudyError(f"parameter {name}: one of values, from, mean or catalogue expected")
-    log = entry.get("spacing", "linear") == "log"
-    unit = str(entry.get("unit", ""))
+    named = isinstance(name, str) and name.isidentifier()
+    _need(named, f"[[parameter]] name = {name!r}: a word of letters, digits and _ expected")
+    targets = tuple(entry.get("set", [])) if isinstance(entry.get("set", []), list) else (entry["set"],)
+    for text in targets:
+        good = isinstance(text, str) and TARGET.fullmatch(text)
+        _need(good, f"set: {text!r}: 'group/name/variable', 'group/variable' or '.../variable(2)' expected")
+    kinds = sum(word in entry for word in ("values", "from", "catalogue", "mean"))
+    _need(kinds == 1, f"parameter {name}: one of values, from, mean or catalogue expected")
+    log, unit = entry.get("spacing", "linear") == "log", str(entry.get("unit", ""))
     if "catalogue" in entry:
         rows = _catalogue(name, folder, entry["catalogue"])
-        if targets:
-            raise StudyError(f"parameter {name}: a catalogue names the deck's parameters; `set` has no place beside it")
+        _need(not targets, f"parameter {name}: a catalogue names the deck's parameters; `set` has no place beside it")
         return Parameter(name, (), tuple(rows), False, unit, catalogue=rows)
     start, spread, mean, deviation = (_number(name, entry, word) for word in ("start", "spread", "mean", "deviation"))
-    if (mean is None) != (deviation is None) or (deviation or 1.0) <= 0.0:
-        raise StudyError(f"parameter {name}: mean and deviation go together, the latter a number above 0")
+    both = (mean is None) == (deviation is None) and (deviation or 1.0) > 0.0
+    _need(both, f"parameter {name}: mean and deviation go together, the latter a number above 0")
     values: tuple = (mean,)
     if "values" in entry:
         values = tuple(entry["values"]) if isinstance(entry["values"], list) else ()
-        if not values or not all(isinstance(value, (int, float, str, bool)) for value in values):
-            raise StudyError(f"parameter {name}: values = [...] expected, numbers or words")
+        good = values and all(isinstance(value, (int, float, str, bool)) for value in values)
+        _need(good, f"parameter {name}: values = [...] expected, numbers or words")
     elif mean is None:
         values = _range(name, entry, log)
-    if not targets and not all(type(value) in (int, float) for value in values):
-        raise StudyError(f"parameter {name}: numbers expected; words go to variables that `set` names")
-    ends = (min(values), max(values)) if "from" in entry else None
-    if ends and ends[0] == ends[1]:
-        ends = None
-    if start is not None and not (ends and ends[0] <= start <= ends[1]):
-        raise StudyError(f"parameter {name}: start = {start:g}: a value between from and to expected")
-    if spread is not None and spread <= 0.0:
-        raise StudyError(f"parameter {name}: spread = {spread:g}: a number above 0 expected")
+    good = targets or all(type(value) in (int, float) for value in values)
+    _need(good, f"parameter {name}: numbers expected; words go to variables that `set` names")
+    ends = (min(values), max(values)) if "from" in entry and min(values) < max(values) else None
+    good = start is None or (ends and ends[0] <= start <= ends[1])
+    _need(good, f"parameter {name}: start = {entry.get('start')}: a value between from and to expected")
+    _need(spread is None or spread > 0.0, f"parameter {name}: spread = {entry.get('spread')}: a number above 0 expected")
     return Parameter(name, targets, values, log, unit, ends, start, spread, deviation=deviation or 0.0)
 
 
 def _number(name: str, entry: dict, word: str) -> float | None:
     """Return a finite number of a table, None where it is not given."""
     value = entry.get(word)
-    if value is None:
-        return None
-    if type(value) not in (int, float) or not math.isfinite(value):
-        raise StudyError(f"parameter {name}: {word} = {value!r}: a number expected")
-    return float(value)
+    good = value is None or (type(value) in (int, float) and math.isfinite(value))
+    _need(good, f"parameter {name}: {word} = {value!r}: a number expected")
+    return None if value is None else float(value)
 
 
 def _catalogue(name: str, folder: Path, file: object) -> dict[str, dict[str, float]]:
     """Return the rows of a catalogue: a table whose first column names the rows, the others the deck's parameters."""
     where = f"parameter {name}: catalogue = {file!r}"
-    if not isinstance(file, str):
-        raise StudyError(f"{where}: the name of a table (.csv) expected")
+    _need(isinstance(file, str), f"{where}: the name of a table (.csv) expected")
     try:
         with (folder / file).open(encoding="utf-8-sig", newline="") as text:
             lines = [[word.strip() for word in line] for line in csv.reader(text) if any(word.strip() for word in line)]
     except (OSError, UnicodeDecodeError, ValueError, csv.Error) as fault:
         raise StudyError(f"{where}: cannot be read ({getattr(fault, 'strerror', None) or fault})") from None
-    if len(lines) < 2 or len(lines[0]) < 2 or not all(word.isidentifier() for word in lines[0][1:]):
-        raise StudyError(f"{where}: a first line 'name,PARAMETER,...' expected, then a row of each item")
+    good = len(lines) > 1 and len(lines[0]) > 1 and all(word.isidentifier() for word in lines[0][1:])
+    _need(good, f"{where}: a first line 'name,PARAMETER,...' expected, then a row of each item")
     rows: dict[str, dict[str, float]] = {}
     for line in lines[1:]:
         try:
             numbers = [float(word) for word in line[1:]]
         except ValueError:
             numbers = []
-        if len(line) != len(lines[0]) or line[0] in rows or not all(map(math.isfinite, numbers)) or not numbers:
-            raise StudyError(f"{where}: {','.join(line)[:60]!r}: a new name and {len(lines[0]) - 1} numbers expected")
+        good = len(line) == len(lines[0]) and line[0] not in rows and numbers and all(map(math.isfinite, numbers))
+        _need(good, f"{where}: {','.join(line)[:60]!r}: a new name and {len(lines[0]) - 1} numbers expected")
         rows[line[0]] = dict(zip(lines[0][1:], numbers))
     return rows
 
@@ -284,14 +249,11 @@ def _range(name: str, entry: dict, log: bool) -> tuple:
         first, last, points = float(entry["from"]), float(entry["to"]), int(entry.get("points", 2))
     except (KeyError, TypeError, ValueError, OverflowError):
         raise StudyError(f"parameter {name}: from, to and points expected, all numbers") from None
-    if points > MOST_RUNS:
-        raise StudyError(f"parameter {name}: points = {points}: at most {MOST_RUNS} runs expected")
-    if points < 2 or not (math.isfinite(first) and math.isfinite(last)) or (log and min(first, last) <= 0.0):
-        raise StudyError(f"parameter {name}: two points or more expected, finite ends, positive ones for spacing = 'log'")
-    if entry.get("spacing", "linear") not in ("linear", "log"):
-        raise StudyError(f"parameter {name}: spacing = 'linear' or 'log' expected")
-    values = np.geomspace(first, last, points) if log else np.linspace(first, last, points)
-    return tuple(float(value) for value in values)
+    _need(points <= MOST_RUNS, f"parameter {name}: points = {points}: at most {MOST_RUNS} runs expected")
+    good = points >= 2 and math.isfinite(first) and math.isfinite(last) and (not log or min(first, last) > 0.0)
+    _need(good, f"parameter {name}: two points or more expected, finite ends, positive ones for spacing = 'log'")
+    _need(entry.get("spacing", "linear") in ("linear", "log"), f"parameter {name}: spacing = 'linear' or 'log' expected")
+    return tuple((np.geomspace if log else np.linspace)(first, last, points).tolist())
 
 
 PARAMETER_WORDS = ("name", "set", "values", "from", "to", "points", "spacing", "unit", "catalogue", "start", "spread", "mean")
@@ -303,8 +265,8 @@ RESULT_WORDS += ("reference", "strength", "cycles", "slope", "ultimate", "data",
 def _scalar(entry: dict, folder: Path) -> Scalar:
     """Return one [[result]]; folder: of the study."""
     _known(entry, RESULT_WORDS, "[[result]]")
-    if "unit" in entry and (entry.get("measure") != "summary" or not isinstance(entry["unit"], str)):
-        raise StudyError(f"[[result]] {entry.get('name', '')}: unit = '...' belongs to measure = 'summary', others have their own")
+    own = "unit" not in entry or (entry.get("measure") == "summary" and isinstance(entry["unit"], str))
+    _need(own, f"[[result]] {entry.get('name', '')}: unit = '...' belongs to measure = 'summary', others have their own")
     options = {{"from": "start", "to": "end", "unit": "stated_unit"}.get(key, key): value for key, value in entry.items()}
     try:
         if "data" in options:
@@ -328,49 +290,39 @@ def _measured(path: Path, column: str) -> tuple[tuple[float, ...], ...]:
 
 def _points(content: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:
     """Return the values of all parameters of every run."""
-    design = content.get("design", "grid")
-    if design not in DESIGNS:
-        raise StudyError(f"design = {design!r}: one of {', '.join(DESIGNS)} expected")
+    design, lists = content.get("design", "grid"), [parameter.values for parameter in parameters]
+    _need(design in DESIGNS, f"design = {design!r}: one of {', '.join(DESIGNS)} expected")
     if design == "grid":
-        if math.prod(len(parameter.values) for parameter in parameters) > MOST_RUNS:
-            raise StudyError(f"design = 'grid': the parameters' values make more than {MOST_RUNS} runs")
-        rows = itertools.product(*(parameter.values for parameter in parameters))
+        good = math.prod(map(len, lists)) <= MOST_RUNS
+        _need(good, f"design = 'grid': the parameters' values make more than {MOST_RUNS} runs")
     elif design == "zip":
-        if len({len(parameter.values) for parameter in parameters}) > 1:
-            raise StudyError("design = 'zip': all parameters need as many values as the first")
-        rows = zip(*(parameter.values for parameter in parameters))
-    else:
-        rows = _sample(content, parameters, design)
+        _need(len({*map(len, lists)}) == 1, "design = 'zip': all parameters need as many values as the first")
+    ordered = {"grid": itertools.product, "zip": zip}
+    rows = ordered[design](*lists) if design in ordered else _sample(content, parameters, design)
     return tuple(dict(zip((parameter.name for parameter in parameters), row)) for row in rows)
 
 
 def _sample(content: dict, parameters: tuple[Parameter, ...], design: str) -> list[tuple]:
-    """Return the rows of a Latin hypercube between the smallest and the largest value of each parameter, or random ones.
-
-    Random are a normal distribution of what has a deviation, an even one between from and to, and one of the values of a list.
-    """
+    """Return the rows of a Latin hypercube, or random ones: normal with a deviation, even between from and to, one of a list."""
     samples, seed = content.get("samples"), content.get("seed", 0)
-    if not isinstance(samples, int) or samples < 1 or not isinstance(seed, int) or seed < 0:
-        raise StudyError(f"design = {design!r}: samples = a whole number expected, seed too where given")
-    if samples > MOST_RUNS:
-        raise StudyError(f"design = {design!r}: samples = {samples}: at most {MOST_RUNS} runs expected")
+    good = isinstance(samples, int) and samples > 0 and isinstance(seed, int) and seed >= 0
+    _need(good, f"design = {design!r}: samples = a whole number expected, seed too where given")
+    _need(samples <= MOST_RUNS, f"design = {design!r}: samples = {samples}: at most {MOST_RUNS} runs expected")
     random = design == "random"
-    if not all(isinstance(value, (int, float)) or (random and not one.ends) for one in parameters for value in one.values):
-        raise StudyError(f"design = {design!r}: parameters have to be numbers")
+    good = all(isinstance(value, (int, float)) or (random and not one.ends) for one in parameters for value in one.values)
+    _need(good, f"design = {design!r}: parameters have to be numbers")
     generator = np.random.default_rng(seed)
     columns = []
     for parameter in parameters:
         if random and not parameter.ends:
             drawn = generator.integers(len(parameter.values), size=samples)
             steps = parameter.deviation * generator.standard_normal(samples)
-            columns.append([parameter.values[k] + float(step) if parameter.deviation else parameter.values[k]
-                            for k, step in zip(drawn, steps)])  # fmt: skip
+            pairs = [(parameter.values[k], float(step)) for k, step in zip(drawn, steps)]
+            columns.append([value + step if parameter.deviation else value for value, step in pairs])
             continue
         strata = 0.0 if random else generator.permutation(samples)  # of a hypercube: one value in each of as many
         part = (strata + generator.random(samples)) / (1 if random else samples)
         low, high = min(parameter.values), max(parameter.values)
-        if parameter.log and low * high <= 0.0:
-            raise StudyError(f"parameter {parameter.name}: positive numbers expected for spacing = 'log'")
-        column = low * (high / low) ** part if parameter.log else low + (high - low) * part
-        columns.append([float(value) for value in column])
+        _need(not parameter.log or low * high > 0.0, f"parameter {parameter.name}: positive numbers expected for spacing = 'log'")
+        columns.append((low * (high / low) ** part if parameter.log else low + (high - low) * part).tolist())
     return list(zip(*columns))

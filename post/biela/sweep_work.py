@@ -10,6 +10,7 @@ import operator
 import re
 import sys
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,10 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from . import command, histories
-from .deck import Deck
+from .deck import Deck, run_into
 from .deck import read as read_deck
-from .quantiles import Quantile, Share, quantiles_of, share_of
-from .result_files import HistoryError, remove_noted, writing
+from .result_files import BielaError, HistoryError, remove_noted, writing
 from .study_runs import StudyRuns
 from .sweep_scalars import Scalar, vibrations
 from .sweep_study import Study, StudyError, StudyOptions, read
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import pandas
 
 COMPARISONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+SURE = 0.95  # chance that an interval holds the true value
 SHOWN = 12  # rows of a table that is printed
 CONDITION = re.compile(r"\s*(\w+)\s*(<=|>=|<|>)\s*(\S+)\s*")
 
@@ -52,7 +53,7 @@ def write_table(path: Path, header: list[str], rows: list[list]) -> None:
 
 def parse_goal(study: Study, goal: str, conditions: list[str]) -> tuple[int, int, list[tuple[int, str, float]]]:
     """Return sign (1: the smallest is best) and column of a goal, and column, comparison and value of conditions; HistoryError."""
-    names = [one.name for one in (*study.parameters, *study.scalars)]
+    names = [one.name for one in study.columns]
     words = goal.split()
     if len(words) != 2 or words[0] not in ("min", "max") or words[1] not in names:
         raise HistoryError(f"--best {goal!r}: 'min NAME' or 'max NAME' expected, NAME one of {', '.join(names)}")
@@ -72,8 +73,7 @@ def choose(study: Study, rows: list[list], goal: str, conditions: list[str]) -> 
     good = [row for row in rows if not row[-1]]
     for condition, (k, test, value) in zip(conditions, tests):
         if any(isinstance(row[k], str) for row in good):
-            names = [one.name for one in (*study.parameters, *study.scalars)]
-            raise HistoryError(f"--where {condition!r}: the values of {names[k]} are words")
+            raise HistoryError(f"--where {condition!r}: the values of {study.columns[k].name} are words")
         good = [row for row in good if COMPARISONS[test](row[k], value)]
     good = [row for row in good if row[column] == row[column]]
     chosen = min(good, key=lambda row: sign * row[column]) if good else None
@@ -82,13 +82,10 @@ def choose(study: Study, rows: list[list], goal: str, conditions: list[str]) -> 
 
 def best(study: Study, rows: list[list], goal: str, conditions: list[str]) -> str:
     """Return a line that names the best run that meets all conditions; HistoryError where the words are wrong."""
-    names = [one.name for one in (*study.parameters, *study.scalars)]
     chosen, count, _ = choose(study, rows, goal, conditions)
-    if chosen is None:
-        return "best: no run meets the conditions"
-    shown = [f"{value:.6g}" if isinstance(value, float) else str(value) for value in chosen]
-    values = ", ".join(f"{name} = {value}" for name, value in zip(names, shown))
-    return f"best of {count} runs ({goal}{''.join(', ' + condition for condition in conditions)}): {values}"
+    pairs = zip(study.columns, chosen or ())
+    words = ", ".join(f"{one.name} = {x:.6g}" if isinstance(x, float) else f"{one.name} = {x}" for one, x in pairs)
+    return f"best of {count} runs ({', '.join([goal, *conditions])}): {words}" if chosen else "best: no run meets the conditions"
 
 
 def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, Deck]:
@@ -103,7 +100,7 @@ def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, Deck]:
     deck = read_deck(study.deck, biela=options.biela)
     known = [group.name for group in deck.all("parameter")]
     for parameter in study.parameters:
-        for name in parameter.deck_names:
+        for name in parameter.settings(parameter.values[0]):
             if name.lower() not in known:
                 raise StudyError(f"parameter {name}: the deck has no &parameter of that name ({', '.join(known) or 'none'})")
         for target in parameter.targets:
@@ -115,17 +112,15 @@ def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, Deck]:
 
 def _with_shapes(scalars: tuple[Scalar, ...], deck: Deck, biela: Path) -> tuple[Scalar, ...]:
     """Return results with the shapes of their vibrations in the study's deck, which its runs follow; StudyError without modes."""
-    deck = deck.drop(*deck.all("transient", "frequency_response"))
+    words = "measure = 'frequency' or 'damping_ratio': the deck has no modes to follow: "
+    if not deck.all("modal"):
+        raise StudyError(words + "it has no &modal")
     with tempfile.TemporaryDirectory(prefix="biela-") as name:
-        folder = Path(name)
-        (folder / "deck.nml").write_text(deck.text(), encoding="utf-8")
-        done = command.call_solver(biela, "--quiet", "--output", folder, folder / "deck.nml")
         try:
-            _, shapes = vibrations(histories.read(folder, "modes"))
-        except HistoryError:
-            lines = [line for line in done.stderr.splitlines() if ": warning: " not in line]
-            words = (lines or ["it has no &modal"])[0].removeprefix(f"{folder}/")
-            raise StudyError(f"measure = 'frequency' or 'damping_ratio': the deck has no modes to follow: {words}") from None
+            run_into(Path(name) / "run", deck.drop(*deck.all("transient", "frequency_response")), biela)
+            _, shapes = vibrations(histories.read(Path(name) / "run", "modes"))
+        except BielaError as fault:
+            raise StudyError(f"{words}{fault}") from None
     most = max(one.mode for one in scalars)
     if most > len(shapes):
         raise StudyError(f"mode = {most}: the deck has {len(shapes)} vibrations")
@@ -133,17 +128,58 @@ def _with_shapes(scalars: tuple[Scalar, ...], deck: Deck, biela: Path) -> tuple[
     return tuple(replace(one, shape=parts[one.mode - 1]) if one.mode else one for one in scalars)
 
 
-def table_lines(found: Sweep) -> list[str]:
-    """Return the table of a sweep in lines, without the reasons of failures."""
-    shown = [found.header[:-1], *([f"{x:.5g}" if isinstance(x, float) else str(x) for x in row[:-1]] for row in found.rows)]
-    wide = [max(map(len, column)) for column in zip(*shown)]
-    return ["  " + "  ".join(word.rjust(width) for word, width in zip(row, wide)).rstrip() for row in shown]
-
-
-def tell(tool: str, warnings: list[str]) -> None:
-    """Print the warnings of a program."""
+def tell(tool: str, warnings: list[str], lines: Iterable[str], pictures: Iterable[Path] = ()) -> None:
+    """Print the warnings of a program, what it has found, and the paths of pictures, which are drawn now."""
     for words in warnings:
         print(f"{tool}: warning: {words}", file=sys.stderr)
+    for line in lines:
+        print(line)
+    for path in pictures:
+        print(f"picture: {path}")
+
+
+@dataclass(frozen=True)
+class Quantile:
+    """A quantile of a result, in its unit: level, value, and the ends between which the true one lies with a chance of 95 %."""
+
+    name: str
+    level: float
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Share:
+    """The share of designs that meet a condition, and the ends between which the true one lies with a chance of 95 %."""
+
+    condition: str
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        parts = f"{100.0 * self.value:.3g} % ({100.0 * self.low:.3g} to {100.0 * self.high:.3g})"
+        return f"{self.condition}: {parts} of the designs"
+
+
+def quantiles_of(name: str, values: np.ndarray, levels: tuple[float, ...]) -> list[Quantile]:
+    """Return quantiles of independent draws with intervals by order statistics, infinite ends where the draws are too few."""
+    from scipy.stats import quantile_test
+
+    found = []
+    for level in levels if len(values) else ():
+        low, high = quantile_test(values, p=level).confidence_interval(SURE)
+        ends = -math.inf if np.isnan(low) else float(low), math.inf if np.isnan(high) else float(high)
+        found.append(Quantile(name, level, float(np.quantile(values, level)), *ends))
+    return found
+
+
+def share_of(condition: str, good: int, count: int) -> Share:
+    """Return a share with its interval (Clopper & Pearson, Biometrika 26, 1934)."""
+    from scipy.stats import binomtest
+
+    return Share(condition, good / count, *map(float, binomtest(good, count).proportion_ci(SURE)))
 
 
 @dataclass(frozen=True)
@@ -186,7 +222,7 @@ class Sweep:
     def best(self, goal: str = "", where: tuple[str, ...] = ()) -> dict | None:
         """Return the best run by name, 'min NAME' or 'max NAME' (that of the study), or None; HistoryError: wrong words."""
         chosen, _, _ = choose(self.study, self.rows, goal or self.study.best, [*self.study.where, *where])
-        return None if chosen is None else dict(zip((one.name for one in (*self.study.parameters, *self.study.scalars)), chosen))
+        return None if chosen is None else dict(zip((one.name for one in self.study.columns), chosen))
 
     def _repr_html_(self) -> str:
         head = html.escape(f"{self.study.name}: {len(self.rows)} runs, {len(self.failed)} failed")
@@ -225,20 +261,19 @@ def work(args: argparse.Namespace) -> int:
     result = sweep(options)
     study, rows = result.study, result.rows
     goal, conditions = options.best or study.best, [*study.where, *options.where]
-    tell("sweep", result.warnings)
-    print(f"{len(rows)} runs, {len(result.failed)} failed; table in {result.folder / 'table.csv'}")
+    lines = [f"{len(rows)} runs, {len(result.failed)} failed; table in {result.folder / 'table.csv'}"]
     if len(rows) <= SHOWN:
-        print("\n".join(table_lines(result)))
+        shown = [result.header[:-1], *([f"{x:.5g}" if isinstance(x, float) else str(x) for x in row[:-1]] for row in rows)]
+        wide = [max(map(len, column)) for column in zip(*shown)]
+        lines += ["  " + "  ".join(word.rjust(width) for word, width in zip(row, wide)).rstrip() for row in shown]
     for row in result.failed[:3]:
-        print(f"  failed: {', '.join(f'{p.name} = {v}' for p, v in zip(study.parameters, row))}: {row[-1]}")
-    for line in lines_of(result, options.where):
-        print(line)
+        lines.append(f"  failed: {', '.join(f'{p.name} = {v}' for p, v in zip(study.parameters, row))}: {row[-1]}")
+    tell("sweep", result.warnings, [*lines, *lines_of(result, options.where)])
+    chosen, _, limits = choose(study, rows, goal or f"min {study.scalars[0].name}", conditions)
     if not args.no_pictures and len(result.failed) < len(rows):
         from . import sweep_picture
 
-        chosen, _, limits = choose(study, rows, goal or f"min {study.scalars[0].name}", conditions)
-        chosen = chosen if goal else None
-        paths = sweep_picture.draw(study, result.header, rows, result.folder, chosen, limits)
+        paths = sweep_picture.draw(study, result.header, rows, result.folder, chosen if goal else None, limits)
         if study.quantiles:
             paths.append(sweep_picture.draw_distributions(study, result.header, rows, result.quantiles, limits, result.folder))
         for path in paths:

@@ -24,9 +24,8 @@ COSTS = ("rms", "seconds", "evaluations", "solves", "unknowns", "steps")
 class Errors:
     """Measures runs against the truth, relative to the ranges of its columns.
 
-    At an event accelerations, friction and reactions jump. At rows where a stop or joint has another state in the run than in the
-    truth, between the times that both have for one event, they differ by the jump, however small the error of the time is: these
-    rows are left out. The part of the time during which states differ is an error of its own, that of the events.
+    At rows where a stop or joint has another state than in the truth columns differ by the jump of an event, however small the
+    error of its time is: these rows are left out. The part of the time during which states differ is an error of its own.
     """
 
     truth: str  # folder of its results
@@ -75,10 +74,7 @@ def _costs(figures: dict) -> list[float]:
 
 
 def against(folder: Path, wanted: Sequence[str]) -> Errors:
-    """Return what measures runs against the truth in a folder, by sensors or columns in lower case; HistoryError: no such column.
-
-    Where none are wanted all columns count but those that rounding moves alone, and states.
-    """
+    """Return what measures runs against the truth in a folder, by sensors or columns in lower case (all but rounding, states)."""
     history = read(folder)
     idle = {*(still_columns(read_summary(folder)) or {}), *(name for name in history.names if name.endswith(STATES))}
     low = [name.lower() for name in history.names]

@@ -3,153 +3,29 @@
 from __future__ import annotations
 
 import argparse
-import html
 import math
-import shutil
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from .command import call_solver, options_of
-from .deck import Deck, read
-from .figures import Tabular
-from .histories import read_summary
-from .progress import Progress
+from .command import Progress, options_of
+from .deck import Deck, read, run_into
 from .result_files import BielaError
 from .study_runs import StudyRuns
 from .sweep_study import Study, StudyOptions
-from .tradeoff_errors import Errors, against
-from .tradeoff_models import removals
-from .tradeoff_settings import (
-    FAMILIES,
-    METHODS,
-    Grid,
-    Setting,
-    TradeoffOptions,
-    grid_of,
-    lean,
-    own_setting,
-    sensors,
-    with_accuracy,
-    with_setting,
-)
+from .tradeoff_errors import against
+from .tradeoff_settings import FAMILIES, METHODS, Setting, TradeoffOptions, grid_of, lean, removals, sensors, with_setting
+from .tradeoff_words import Point, Tradeoff
 
-FULL = "full model"
 CERTAIN = 0.05  # the truth is asked for with this share of the tolerance
 BELOW = 0.1  # curves go on until their error is below this share of what is allowed
 LEVELS, DEAR, SHORT = 12, 4.0, 1.0  # of a curve at most; it ends where the next run costs so many times the best one, and [s] more
 OVERHEAD = 40  # fixed cost of an evaluation, in unknowns: small models are not cheaper than that
 EXACT = 2.0  # [s] shorter runs are ranked by counts of evaluations: their measured times vary too much
-MOST = 4  # of the removals that are fine, the cheapest, whose coarsest settings are sought
 GAIN = 0.97  # a removal pays where it lowers the cost below this share
 REPEATS = 5  # of the runs that are timed, in turn
-
-
-@dataclass(frozen=True)
-class Point:
-    """A model with a setting: its deck, how far it is off, what it costs."""
-
-    model: str  # what is taken out, '' for the model in full
-    setting: Setting | None  # None: that of the deck itself
-    deck: Deck  # that was run
-    values: dict[str, float] = field(default_factory=dict)  # by the names of `Errors.names`, empty where it failed
-    reason: str = ""  # why it failed
-
-    @property
-    def errors(self) -> dict[str, float]:
-        """Largest error of each column over its range, and that of the events."""
-        return dict(list(self.values.items())[: list(self.values).index("rms")]) if self.values else {}
-
-    @property
-    def error(self) -> float:
-        """The largest of them; infinite where the run failed."""
-        return max(self.errors.values(), default=math.inf)
-
-    @property
-    def column(self) -> str:
-        """Which column that is."""
-        return max(self.errors, key=self.errors.get, default="")
-
-    @property
-    def seconds(self) -> float:
-        """Of the processor, analyses alone [s]."""
-        return self.values.get("seconds", math.inf)
-
-    @property
-    def work(self) -> float:
-        """Evaluations times unknowns: a cost that no machine changes."""
-        return self.values.get("evaluations", math.inf) * self.values.get("unknowns", math.inf)
-
-
-@dataclass
-class Tradeoff(Tabular):
-    """What a study of speed against accuracy has found."""
-
-    head = ("model", "setting", "error", "error_rms", "worst_column", "seconds_[s]", "evaluations")
-
-    options: TradeoffOptions  # what was asked
-    folder: Path  # of tradeoff.txt, recommended.nml and what was stored
-    grid: Grid  # times of the comparison
-    measured: Errors | None = None  # the truth, and what of it is compared
-    uncertainty: float = math.inf  # largest error that the truth itself may have, over the ranges [-]
-    points: list[Point] = field(default_factory=list)  # everything that was run
-    # removals that were tried: round, label, error, whether it was taken
-    removed: list[tuple[int, str, float, bool]] = field(default_factory=list)
-    written: Point | None = None  # the deck as written
-    chosen: Point | None = None  # what is recommended, as a run of recommended.nml shows it; None where nothing can be
-    notes: list[str] = field(default_factory=list)  # on the truth and the search
-    # of the solver on the deck as written, and what a user should know before he trusts the recommendation
-    warnings: list[str] = field(default_factory=list)
-
-    @property
-    def allowed(self) -> float:
-        """The tolerance less the uncertainty of the truth; negative where no error can be shown to be small enough."""
-        return self.options.tolerance - self.uncertainty if self.uncertainty < self.options.tolerance else -1.0
-
-    @property
-    def meets(self) -> bool:
-        """Whether the recommended deck is accurate enough."""
-        return self.chosen is not None and self.chosen.error <= self.allowed
-
-    @property
-    def recommended(self) -> Path | None:
-        """The deck that is recommended, None where there is none."""
-        return self.folder / "recommended.nml" if self.chosen else None
-
-    @property
-    def verdict(self) -> str:
-        """A paragraph: what is recommended, or why nothing is."""
-        from .tradeoff_words import verdict
-
-        return verdict(self)
-
-    @property
-    def text(self) -> str:
-        """That of tradeoff.txt."""
-        from .tradeoff_words import table
-
-        return table(self)
-
-    def setting(self, point: Point) -> str:
-        """Return a point's setting in words."""
-        return point.setting.words(self.grid) if point.setting else own_setting(point.deck)
-
-    @property
-    def rows(self) -> list[list]:
-        """All runs of the search: model, setting, errors over a column's range, seconds, evaluations."""
-        return [[p.model or FULL, self.setting(p), p.error, p.values["rms"], p.column, p.seconds, int(p.values["evaluations"])]
-                for p in self.points]  # fmt: skip
-
-    def picture(self):
-        """Draw error against seconds, one curve a method and model."""
-        from .tradeoff_words import picture
-
-        return picture(self)
-
-    def _repr_html_(self) -> str:
-        return f"<p>{html.escape(self.verdict)}</p>" + "".join(f"<p>{html.escape(words)}</p>" for words in self.warnings)
 
 
 class Search:
@@ -223,48 +99,30 @@ class Search:
     def simplify(self, best: Point) -> None:
         """Take out of the model what the sensors do not need, one thing at a time, the one that saves most first."""
         found, rejected, taken = self.found, set(), []
-        highest = 0.5 / found.grid.interval
         for turn in range(1, 100):
-            options = [c for c in removals(best.deck, self.asked, highest, found.options.tolerance) if c.label not in rejected]
-            names = ["; ".join([*taken, change.label]) for change in options]
-            tried = self.measure([(name, change.deck, best.setting) for name, change in zip(names, options)])
-            failed = [k for k, p in enumerate(tried) if not p.values]  # an explicit step may be too long for the smaller model
-            again = self.measure([(names[k], options[k].deck, best.setting.finer(2)) for k in failed])
-            tried = [again[failed.index(k)] if k in failed and again else p for k, p in enumerate(tried)]
-            fit = sorted(((p, c) for p, c in zip(tried, options) if p.error <= found.allowed), key=lambda one: self.cost(one[0]))[
-                :MOST
-            ]
-            rejected |= {change.label for p, change in zip(tried, options) if p.error > found.allowed}
-            cheapest = dict(zip([change.label for _, change in fit], self.coarsest([p for p, _ in fit])))
-            label = min(cheapest, key=lambda one: self.cost(cheapest[one]), default="")
-            pays = bool(label) and self.cost(cheapest[label]) < GAIN * self.cost(best)
-            found.removed += [(turn, c.label, p.error, pays and c.label == label) for p, c in zip(tried, options)]
+            options = [(label, deck) for label, deck in removals(best.deck, self.asked) if label not in rejected]
+            tried = self.measure([("; ".join([*taken, label]), deck, best.setting) for label, deck in options])
+            labels = [label for label, _ in options]
+            fine = [(p, label) for p, label in zip(tried, labels) if p.error <= found.allowed]
+            rejected |= {label for p, label in zip(tried, labels) if p.error > found.allowed}
+            point, took = min(fine, key=lambda one: self.cost(one[0]), default=(best, ""))
+            pays = self.cost(point) < GAIN * self.cost(best)
+            found.removed += [(turn, label, p.error, pays and label == took) for p, label in zip(tried, labels)]
             if not pays:
                 break
-            best = cheapest[label]
-            taken.append(label)
-            best = replace(best, model="; ".join(taken))
-        if taken:
+            best, taken = point, [*taken, took]
+        if taken:  # a smaller model often allows longer steps
             first = {family: max(best.setting.index - 6 if family == best.setting.family else 0, 0) for family in self.rates}
             self.curves(best.model, best.deck, first)
             self.coarsest(self.adequate()[:1])
 
 
-def run_into(folder: Path, deck: Deck, biela: Path) -> dict:
-    """Run a deck into a folder and return the figures of its summary; BielaError with the words of the solver where it fails."""
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    done = call_solver(biela, "--quiet", "--output", folder, *(word for one in deck.words for word in ("--set", one)), deck.path)
-    if done.returncode:
-        lines = [line for line in done.stderr.splitlines() if ": warning: " not in line]
-        raise BielaError((lines or [f"the solver ended with status {done.returncode}"])[0])
-    return read_summary(folder)
-
-
 def set_truth(found: Tradeoff, deck: Deck) -> None:
     """Set the truth, the deck's own model by the solver's passes, and what errors of it the solver estimates."""
     Progress().show("the truth: runs", 1, 0)
-    accurate = with_accuracy(deck, CERTAIN * found.options.tolerance, found.grid, 0.4 * found.options.time)
+    accurate = with_setting(deck, None, found.grid, found.grid.interval)
+    passes = dict(accuracy=CERTAIN * found.options.tolerance, most_seconds=0.4 * found.options.time)
+    accurate = accurate.set(accurate.one("transient"), **passes)
     figures = run_into(found.folder / "truth", accurate, found.options.biela)
     found.measured = against(found.folder / "truth", [name.lower() for name in found.options.sensor])
     estimates = {name.partition("[")[0]: error for name, error in figures["transient"].get("estimated_errors", {}).items()}
@@ -276,32 +134,22 @@ def set_truth(found: Tradeoff, deck: Deck) -> None:
 def verify(found: Tradeoff, search: Search) -> None:
     """Run the best points as recommended.nml would be, in turn with the deck as written, and keep the first that holds."""
     options, grid = found.options, found.grid
-    finalists = search.adequate()[:4]
-    cheap = [p for p in finalists if search.cost(p) <= options.budget]
-    if not cheap and math.isfinite(options.budget):
-        cheap = sorted((p for p in found.points if p.seconds <= options.budget), key=lambda p: p.error)[:1]
-    for point in cheap:
+    for point in search.adequate()[:4]:
         own = with_setting(point.deck, point.setting, grid, grid.stated or grid.interval)
-        both = [(found.written, found.written.deck if found.written.values else None), (point, own)]
-        times: list[list[float]] = [[], []]
-        for _ in range(REPEATS):
-            for k, (_, deck) in enumerate(both):
-                if deck is not None:
-                    figures = run_into(found.folder / ("written", "recommended")[k], deck, options.biela)
-                    times[k].append(figures["timing"]["processor_seconds"])
-            if sum(map(sum, times)) > 2.0:
-                break
-        if times[0]:
-            found.written.values["seconds"] = float(np.median(times[0]))
+        decks = {"recommended": own} | ({"written": found.written.deck} if found.written.values else {})
+        times: dict[str, list[float]] = {name: [] for name in decks}
+        while sum(map(sum, times.values())) <= 2.0 and len(times["recommended"]) < REPEATS:
+            for name, deck in decks.items():
+                times[name].append(run_into(found.folder / name, deck, options.biela)["timing"]["processor_seconds"])
+        if "written" in times:
+            found.written.values["seconds"] = float(np.median(times["written"]))
         values = dict(zip(found.measured.names, found.measured.of(found.folder / "recommended").values))
-        values["seconds"] = float(np.median(times[1]))
+        values["seconds"] = float(np.median(times["recommended"]))
         found.chosen = replace(point, deck=own, values=values)
         if found.chosen.error <= found.allowed:
             break
-    written = found.written
-    dearest = min(found.chosen.seconds if found.chosen else math.inf, options.budget)
-    if written.error <= found.allowed and written.seconds <= dearest:
-        found.chosen = written
+    if found.written.error <= found.allowed and (found.chosen is None or found.written.seconds <= found.chosen.seconds):
+        found.chosen = found.written
 
 
 def tradeoff(options: TradeoffOptions) -> Tradeoff:
@@ -318,7 +166,13 @@ def tradeoff(options: TradeoffOptions) -> Tradeoff:
     how = StudyOptions(options.deck, options.biela, folder, **how)
     with StudyRuns(Study("", deck.path, (), (), (), measured=found.measured), deck, how, folder) as runs:
         search = Search(found, deck, asked, runs, begun)
-        found.written = as_written(found, deck)
+        figures = run_into(folder / "written", deck, options.biela)
+        found.warnings += [f"the solver warns of the deck as written: {words}" for words in figures.get("warnings", ())]
+        try:
+            values, fault = dict(zip(found.measured.names, found.measured.of(folder / "written").values)), ""
+        except ValueError as words:
+            values, fault = {}, str(words)
+        found.written = Point("", None, deck, values, fault)
         if found.allowed > 0.0:
             families = [name for name, (method, _) in FAMILIES.items() if method in options.methods]
             search.curves("", model, dict.fromkeys(families, 0))
@@ -329,21 +183,9 @@ def tradeoff(options: TradeoffOptions) -> Tradeoff:
             found.notes.append(f"the search was ended by --time {options.time:g}; the same command with more goes on from there")
         verify(found, search)
     if found.chosen:
-        from .tradeoff_words import head
-
-        (folder / "recommended.nml").write_text(head(found) + found.chosen.deck.flat(options.biela), encoding="utf-8")
+        (folder / "recommended.nml").write_text(found.comment() + found.chosen.deck.flat(options.biela), encoding="utf-8")
     (folder / "tradeoff.txt").write_text(found.text, encoding="utf-8")
     return found
-
-
-def as_written(found: Tradeoff, deck: Deck) -> Point:
-    """Return the deck as it is; BielaError where it does not run."""
-    figures = run_into(found.folder / "written", deck, found.options.biela)
-    found.warnings += [f"the solver warns of the deck as written: {words}" for words in figures.get("warnings", ())]
-    try:
-        return Point("", None, deck, dict(zip(found.measured.names, found.measured.of(found.folder / "written").values)))
-    except ValueError as fault:
-        return Point("", None, deck, {}, str(fault))
 
 
 def work(args: argparse.Namespace) -> int:

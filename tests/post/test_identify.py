@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import biela as package
 import numpy as np
 import pytest
-from biela import fatigue, quantiles, study_runs, sweep_study
+from biela import fatigue, study_runs, sweep_study, sweep_work
 from biela.sweep_picture import draw_identified
 from biela.sweep_scalars import Scalar
 from conftest import ROOT
@@ -155,11 +155,11 @@ def test_tolerances_give_quantiles_and_shares(tmp_path):
 
 def test_quantiles_have_the_intervals_of_order_statistics():
     """Of 100 draws the 40th and the 61st hold the median, none is beyond 99 %; none of 20, and all of 10, in closed form."""
-    middle, upper = quantiles.quantiles_of("x", np.arange(100.0, 0.0, -1.0), (0.5, 0.99))
+    middle, upper = sweep_work.quantiles_of("x", np.arange(100.0, 0.0, -1.0), (0.5, 0.99))
     assert (middle.value, middle.low, middle.high) == (50.5, 40.0, 61.0)
     assert upper.high == math.inf
-    assert quantiles.quantiles_of("x", np.empty(0), (0.5,)) == []
-    none, every = quantiles.share_of("a", 0, 20), quantiles.share_of("a", 10, 10)
+    assert sweep_work.quantiles_of("x", np.empty(0), (0.5,)) == []
+    none, every = sweep_work.share_of("a", 0, 20), sweep_work.share_of("a", 10, 10)
     assert (none.low, none.high) == (0.0, pytest.approx(1.0 - 0.025**0.05))
     assert (every.low, every.high) == (pytest.approx(0.025**0.1), 1.0)
 

@@ -167,8 +167,6 @@ def test_limits_of_an_angle_stand_about_the_joint_of_both_bodies():
     joints = [{"kind": "revolute", "a": sides[0], "b": sides[1]}, {"kind": "revolute", "a": sides[2], "b": sides[3]}]
     at = [mechanism.hinge({"joints": joints}, {"a": a, "b": b})["at"] for a, b in ((sides[3], sides[2]), (sides[2], sides[1]))]
     assert at == [3, 2]
-    assert mechanism.direction_of(np.array([0.0, 2.0]), 0.3, 0.1) == pytest.approx(QUARTER)
-    assert mechanism.direction_of(np.array([0.0, 0.05]), 0.3, 0.1) == 0.3
 
 
 def test_walls_of_stops_stand_where_they_limit_and_tell_what_touches():

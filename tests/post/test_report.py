@@ -16,7 +16,6 @@ from biela.histories import HistoryError, read
 from biela.programs import report as report_command
 from conftest import ROOT
 from linear_scenes import FORCE, beam, sweep
-from PIL import Image
 from tool_calls import call
 
 CRANK = (ROOT / "input" / "slider_crank_elastic.nml").read_text().replace("t_end=0.01", "t_end=2e-4")
@@ -131,7 +130,7 @@ def test_the_largest_force_of_a_stop_is_that_of_the_steps_as_in_the_summary(run_
     deck = (ROOT / "input" / "clearance_slider_crank.nml").read_text().replace("tolerance=1.0e-11", "tolerance=1e-6")
     run = report_tool.load(run_deck(deck).folder, "pin")
     force = run.figures["transient"]["stops"][0]["largest_force"]
-    assert run.findings["largest force of stop, pin"].startswith(f"{force:.4g} N between rows near t = ")
+    assert report_tool.findings(run)["largest force of stop, pin"].startswith(f"{force:.4g} N between rows near t = ")
 
 
 @pytest.mark.long
@@ -226,24 +225,6 @@ def test_modes_and_responses_have_their_figures(modal_run, monkeypatch):
     assert part.rows[0][2] == f"{table['frequency'][0]:.4g}"
     section = report_tool.each("Frequency response", [run], report_tool.responses)
     assert (section.title, section.parts[0].pictures) == ("Frequency response", ['beam: response to force "tip"'])
-
-
-def test_a_trade_off_beside_the_run_or_in_a_folder_is_shown(modal_run, tmp_path):
-    run = report_tool.load(modal_run, "beam")
-    assert report_tool.tradeoff([run], None) is None
-    with pytest.raises(HistoryError, match=r"has no tradeoff\.txt$"):
-        report_tool.tradeoff([run], tmp_path)
-    own = modal_run.parent / "tradeoff" / "beam"
-    own.mkdir(parents=True)
-    for place in (own, tmp_path):
-        (place / "tradeoff.txt").write_text(f"table in {place.name}\n")
-    Image.new("RGB", (123, 45)).save(own / "work_precision.png")
-    for given, place, pictures in ((None, own, [123]), (tmp_path, tmp_path, [])):
-        section = report_tool.tradeoff([run], given)
-        (part,) = section.parts
-        assert (section.title, section.id) == ("Trade-off", "trade-off")
-        assert (part.heading, part.text) == (str(place), f"table in {place.name}\n")
-        assert [picture.width for picture in part.pictures] == pictures
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from biela import tradeoff_models as models
+from biela import tradeoff_settings as models
 from biela.deck import Deck, DeckError, Group, groups_of, read
 from biela.material_law import of_group
 from conftest import REFERENCE, ROOT
@@ -57,54 +56,28 @@ def test_numbers_and_decks_that_cannot_be_read(tmp_path):
         read(tmp_path)
 
 
-SCALED = deck_of(
-    {"group": "material", "name": "m", "density": 1000.0, "young": 1e9, "ghm_alpha": [0.5, 0.2], "ghm_zeta": [2.0, 3.0],
-     "ghm_omega": [1e3, 1e2], "prony_alpha": 0.3, "prony_tau": 1e-2, "ghm_frequency_scale": 3.0},
-    {"group": "spring", "name": "s", "stiffness": 5.0, "ghm_alpha": 1.0, "ghm_zeta": 5.0, "ghm_omega": 20.0},
-    {"group": "material", "name": "n", "density": 1000.0, "shear_modulus": 2.0, "poisson": 0.25, "ghm_alpha": 1.0, "ghm_zeta": 5.0,
-     "ghm_omega": 20.0},
-)  # fmt: skip
-
-
-@pytest.mark.parametrize(("number", "internal", "fits"), [(0, 5, 3), (1, 2, 1), (2, 2, 1)])
-def test_maxwell_terms_take_the_place_of_ghm_terms_with_the_error_that_is_told(number, internal, fits):
-    group = SCALED.groups[number]
-    law, errors = of_group(group), []
-    assert law.internal_variables == internal
-    assert law.young == (1e9, 5.0, 5.0)[number]  # 2 (1 + 0.25) times a shear modulus
-    for label, values in models._term_changes(group, 1000.0, 0.5):
-        if "modulus within" not in label:
-            continue
-        changed = SCALED.set(group, **values).groups[number]
-        other = of_group(changed)
-        assert (other.weight.size, other.alpha.size) == (int(label.split()[0]), 0)
-        assert changed.number("ghm_frequency_scale", 1.0) == 1.0
-        errors.append(float(re.search(r"within (\S+)\)", label)[1]))
-        band = np.geomspace(law.slowest_pole / (20.0 * np.pi), 1000.0, 333)
-        assert np.abs(other.modulus(band) / law.modulus(band) - 1.0).max() == pytest.approx(errors[-1], rel=0.6)
-    assert (len(errors), errors) == (fits, sorted(errors, reverse=True))
-    assert not [label for label, _ in models._term_changes(group, 1000.0, 1e-12) if "modulus within" in label]
-
-
-def test_a_term_goes_or_becomes_stiffness():
-    """Left out: the modulus of slow motion stays; made stiffness: that of fast motion does."""
-    group = SCALED.groups[0]
-    law, slow, fast = of_group(group), np.array([1e-6]), np.array([1e9])
-    found = models._term_changes(group, 1000.0, 0.0)
-    for label, values in found:
-        other = of_group(SCALED.set(group, **values).groups[0])
-        assert other.internal_variables == law.internal_variables - (1 if "Maxwell" in label else 2)
-        kept = slow if "left out" in label else fast
-        np.testing.assert_allclose(other.modulus(kept), law.modulus(kept), rtol=1e-5)
-    assert len(found) == 6
+def test_a_term_is_left_out_and_the_modulus_of_slow_motion_stays():
+    terms = {"ghm_alpha": [0.5, 0.2], "ghm_zeta": [2.0, 3.0], "ghm_omega": [1e3, 1e2], "prony_alpha": 0.3, "prony_tau": 1e-2}
+    material = {"group": "material", "name": "m", "density": 1000.0, "young": 1e9, **terms}
+    alone = {"group": "spring", "name": "s", "stiffness": 5.0, "prony_alpha": 1.0, "prony_tau": 0.5, "ghm_frequency_scale": 3.0}
+    deck = deck_of({**BEAM, "material": "m"}, material, alone, {**material, "name": "unused"})
+    law, found = of_group(deck.groups[1]), dict(models.removals(deck, set()))
+    labels = [f"m: {words}" for words in ("GHM term 1 of 2", "GHM term 2 of 2", "Maxwell term 1 of 1")]
+    assert [label for label in found if "term" in label] == [*labels, "s: Maxwell term 1 of 1"]
+    for label, variables in zip(labels, (2, 2, 1)):
+        other = of_group(found[label].groups[1])
+        assert other.internal_variables == law.internal_variables - variables
+        np.testing.assert_allclose(other.modulus(np.array([1e-6])), law.modulus(np.array([1e-6])), rtol=1e-5)
+    assert of_group(found[labels[1]].groups[1]).omega == [1e3]
+    assert "ghm_frequency_scale" not in found["s: Maxwell term 1 of 1"].groups[2].values
+    assert "b: elastic twin" in found
 
 
 def test_static_shapes_are_tried_beside_few_modes_and_go_with_the_modes():
     deck = deck_of({**BEAM, "name": "few"}, {"group": "sensor", "name": "a", "quantity": "angle", "body": "few"})
-    offered = {c.label: c for c in models.removals(deck, {"a"}, 100.0, 0.0) if c.what.endswith("shapes")}
+    offered = {label: less for label, less in models.removals(deck, {"a"}) if label.endswith("shapes")}
     assert len(offered) == 4, "at most a third of the twelve coordinates"
-    shaped = offered["few: 4 modes and static shapes"].deck
-    fewer = [c.label for c in models.removals(shaped, {"a"}, 100.0, 0.0) if "mode" in c.what]
+    fewer = [label for label, _ in models.removals(offered["few: 4 modes and static shapes"], {"a"}) if "mode" in label]
     assert fewer == [f"few: {k} mode{'s' * (k > 1)} and static shapes" for k in (3, 2, 1)]
 
 
