@@ -126,6 +126,9 @@ def test_blocks_on_parallel_rails(run_deck):
         assert 'joint "rail1" at t = 0.000000E+00 s: its friction presses 1.100 times as hard as it brakes' in lost
         assert f"a friction below {limit:.3f}, or an elastic link, has one" in lost
         run_deck(KLEIN, "--set", f"mu={limit + 1e-9:.16g}", "--set", f"v={v}", expect=1, name=f"first{v}")
+    # at rest: two forces, of which one moves the block, and then the other would do as well
+    push = ["--set", f"mu={1.1 * limit:.16g}", "--set", "v=0", "--set", "force/f1/fx=20"]
+    assert 'joint "rail1" at t = 0.000000E+00 s: its friction presses 1.100' in run_deck(KLEIN, *push, expect=1, name="rest").stderr
 
 
 PARALLELOGRAM = """&scene gravity=0,0 /

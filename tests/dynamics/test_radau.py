@@ -307,12 +307,13 @@ def cranks(places, angle=-0.6, rate=0.0):
 
 
 IN_LINE = cranks(["0.0,0.0", "0.2,0.3"], 0.0, 8.0), cranks(["0.0,0.0", "0.6,0.0", "0.2,0.3"], 0.0, 8.0)
+BESIDE_LINE = cranks(["0.0,0.0", "0.2,0.3"], 3.14, 8.0), cranks(["0.0,0.0", "0.6,0.0", "0.2,0.3", "0.4,-0.1"], 3.14, 8.0)
 LEVEL = cranks(["0.0,0.0", "0.6,0.0"]), cranks(["0.0,0.0", "0.3,0.0", "0.6,0.0"])
 
 
 @pytest.mark.parametrize(
     ("alone", "redundant", "tolerance"),
-    [(ARM, ARM + ROD, 1e-11), (*LEVEL, 1e-8), (*LEVEL, 1e-11), (*IN_LINE, 1e-10)],
+    [(ARM, ARM + ROD, 1e-11), (*LEVEL, 1e-8), (*LEVEL, 1e-11), (*IN_LINE, 1e-10), (*BESIDE_LINE, 1e-10)],
 )
 def test_redundant_rows_cost_no_steps(alone, redundant, tolerance, run_deck):
     """What they leave open of the multipliers must not grow: its rounding would be what Newton's method cannot solve."""

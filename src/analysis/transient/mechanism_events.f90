@@ -4,7 +4,7 @@ module mechanism_events
   use archive, only: value_archive
   use contact_mass, only: mass_at, time_of_contact
   use controls, only: pass_control_events, start_controls
-  use dynamics, only: evaluate, marker_kinematics, motion_state
+  use dynamics, only: evaluate, evaluate_motion, marker_kinematics, motion_state
   use evaluation_results, only: conditions_of, evaluation
   use force_element, only: by_position, inactive, most_roots
   use friction_law, only: row_at_limit, row_parted, row_slips, row_stuck, sliding
@@ -121,7 +121,7 @@ contains
     set = resting_set(x%side, no_row, 0*x%side, free)
     call hold_resting(self%m, self%ev, at, none, set, more)
     call find_states(self%m, self%ev, at, 0.0_wp, set, ok, k)
-    if (size(self%m%s%friction) > 0 .and. .not. free) call check_friction(self, ok)
+    if (size(self%m%s%friction) > 0 .and. .not. free) call check_friction(self, at, ok)
   end subroutine hold_rows
 
   !> Roots of the elements that switch, then of controllers.
@@ -306,7 +306,7 @@ contains
     call note_states(self, t, before, x, last, flight)
     if (self%conflict > 0 .or. size(self%friction) == 0) return
     call find_undetermined(self%m, self%ev, self%friction%undetermined)
-    call check_friction(self, ok)
+    call check_friction(self, self%motion_at(t, y), ok)
   end subroutine find_resting
 
   !> Puts positions and rates onto the rows that hold.
@@ -351,17 +351,22 @@ contains
     end do
   end subroutine note_states
 
-  !> Whether there are states of the joints with friction, and one motion with them.
-  subroutine check_friction(self, found)
+  !> Whether there are states of the joints with friction, and one motion with them. Where no states are found, joints that would
+  !> press themselves if all slipped may be the cause.
+  subroutine check_friction(self, at, found)
     class(switching_mechanism), intent(inout) :: self
+    type(motion_state), intent(in) :: at
     logical, intent(in) :: found
     integer :: k
     if (.not. allocated(self%painleve)) allocate (self%painleve(size(self%m%s%friction)), source=0.0_wp)
-    associate (state => self%ev%switches%state(size(self%m%s%switching) + 1:))
-      if (.not. found) where (abs(state) == row_at_limit) state = sign(row_slips, state)    ! what would slip may be the cause
-    end associate
+    if (.not. found) then
+      associate (state => self%ev%switches%state(size(self%m%s%switching) + 1:))
+        where (abs(state) /= row_parted) state = sign(row_slips, state)
+      end associate
+      call evaluate_motion(self%m, self%ev, at)
+    end if
     do k = 1, size(self%painleve)
-      self%painleve(k) = painleve_ratio(self%m, self%ev, k, .true.)
+      self%painleve(k) = painleve_ratio(self%m, self%ev, k, found)
     end do
     self%fault = .not. found .or. any(self%painleve >= 1.0_wp)
   end subroutine check_friction

@@ -15,6 +15,7 @@ module multipliers
   real(wp), parameter :: redundant = 1.0e-8_wp    !! relative pivot of G below which a row depends on others [-]
   real(wp), parameter :: weak_pivot = 1.0e-6_wp   !! relative pivot from which rows count as independent [-]
   real(wp), parameter :: least_pivot = 2.0e-15_wp !! relative pivot that is still above rounding [-]
+  real(wp), parameter :: strong_pivot = 1.0e-2_wp !! relative pivot of G from which the order of rows does not matter [-]
   real(wp), parameter :: regular_pivot = 1.0e-12_wp   !! relative pivot down to which S may be taken as regular [-]
   integer, parameter :: most_passes = 100           !! corrections of the regularised solve
 
@@ -342,20 +343,22 @@ contains
     call find_dependent(size(self%dependent), self%all%kd, self%g, tol, self%r, self%dependent)
   end subroutine mark_dependent
 
-  !> Eliminates a band matrix in place and leaves its pivots on its diagonal. A row depends on earlier ones where its pivot is not
-  !> above tol times its diagonal entry; such a row is skipped.
+  !> Eliminates a band matrix in place and leaves its pivots on its diagonal. A row depends on others where its pivot is not above
+  !> tol times its diagonal entry; such a row is skipped. Rows with weak pivots come last, since rounding grows behind each of them.
   pure subroutine find_dependent(n, kd, g, tol, diagonal, dependent)
     integer, intent(in) :: n, kd
     real(wp), intent(inout) :: g(0:kd, n)     !! lower band, g(i, j) = G(j+i, j) [any]
     real(wp), intent(in) :: tol               !! [-]
     real(wp), intent(out) :: diagonal(n)      !! of the given matrix [any]
     logical, intent(out) :: dependent(n)
+    logical :: later(n)
     real(wp) :: l
     integer :: i, j, k
     diagonal = g(0, :)
     do j = 1, n
       dependent(j) = .not. g(0, j) > tol*diagonal(j)
-      if (dependent(j)) cycle                      ! the row adds nothing: skip it
+      later(j) = g(0, j) < strong_pivot*diagonal(j) .and. .not. dependent(j)
+      if (dependent(j) .or. later(j)) cycle        ! the row adds nothing: skip it
       do i = 1, min(kd, n - j)
         l = g(i, j)/g(0, j)
         do k = i, min(kd, n - j)
@@ -363,5 +366,48 @@ contains
         end do
       end do
     end do
+    if (any(later)) call eliminate_later(n, kd, tol, diagonal, pack([(j, j=1, n)], later), g, dependent)
   end subroutine find_dependent
+
+  !> Eliminates the rows that were left for later, the strongest pivot first: their matrix beside the others, c, is full.
+  pure subroutine eliminate_later(n, kd, tol, diagonal, rows, g, dependent)
+    integer, intent(in) :: n, kd
+    real(wp), intent(in) :: tol               !! [-]
+    real(wp), intent(in) :: diagonal(n)       !! of the given matrix [any]
+    integer, intent(in) :: rows(:)            !! left for later, ascending
+    real(wp), intent(inout) :: g(0:kd, n)     !! as the elimination has left it [any]
+    logical, intent(inout) :: dependent(n)
+    real(wp) :: e(n, size(rows)), c(size(rows), size(rows))   ! columns of the rows within the others, what is left [any]
+    integer :: j, k, last, next
+    logical :: left(size(rows))
+    e = 0.0_wp
+    c = 0.0_wp
+    next = 1
+    do j = 1, n
+      last = min(kd, n - j)
+      if (next <= size(rows)) then
+        if (rows(next) == j) then
+          c(:, next) = e(j, :)
+          c(next, :) = e(j, :)
+          c(next, next) = g(0, j)
+          e(j + 1:j + last, next) = g(1:last, j)
+          next = next + 1
+          cycle
+        end if
+      end if
+      if (dependent(j)) cycle
+      do k = 1, next - 1
+        c(:, k) = c(:, k) - e(j, k)/g(0, j)*e(j, :)
+        e(j + 1:j + last, k) = e(j + 1:j + last, k) - e(j, k)/g(0, j)*g(1:last, j)
+      end do
+    end do
+    left = .true.
+    do while (any(left))
+      next = maxloc([(c(k, k)/diagonal(rows(k)), k=1, size(rows))], 1, left)
+      g(0, rows(next)) = c(next, next)
+      dependent(rows(next)) = .not. c(next, next) > tol*diagonal(rows(next))
+      left(next) = .false.
+      if (.not. dependent(rows(next))) c = c - spread(c(:, next)/c(next, next), 2, size(rows))*spread(c(next, :), 1, size(rows))
+    end do
+  end subroutine eliminate_later
 end module multipliers
