@@ -38,6 +38,7 @@ contains
       call newton(m, ev, ok)
       if (.not. ok) call iterate(m, ev, ok)
     end if
+    if (.not. ok) ok = largest_difference(ev%slip%law, ev%slip%f) <= rounding*held_alone(ev)
     if (.not. ok) ev%broken = .true.
     associate (b => ev%slip%b)
       ev%lambda = merge(ev%slip%f, ev%slip%x, ev%rows%off)
@@ -47,6 +48,18 @@ contains
       call ev%schur%motion_off(ev%lambda, ev%rows%acceleration)
     end associate
   end subroutine slip_multipliers
+
+  !> The largest multiplier that a row would need if it held alone: where reactions pass through zero they are its rounding.
+  pure real(wp) function held_alone(ev) result(largest)   ! [N]
+    type(evaluation), intent(in) :: ev
+    real(wp) :: compliance                           ! [1/kg]
+    integer :: k
+    largest = 0.0_wp
+    do k = 1, size(ev%slip%b)
+      compliance = ev%schur%diagonal(k)
+      if (compliance > 0.0_wp .and. .not. ev%rows%off(k)) largest = max(largest, abs(ev%slip%b(k))/compliance)
+    end do
+  end function held_alone
 
   !> Newton's method: the friction of multipliers y near x is f + D (y - x). The matrix of a singular S is shifted: the
   !> solution is refined.

@@ -259,6 +259,26 @@ class SliderCrank:
         return x, m, f, np.array([rate, w[1] - rate, w[1], speed[0]])
 
 
+def test_reactions_that_pass_through_zero_are_rounding_there(run_deck):
+    """A beam shakes on its rail: where the rail's reaction passes through zero, what is left of it is rounding.
+
+    The motion is one whatever the rail's direction.
+    """
+    deck = """&material name='m' density=1100 young=1e9 /
+&section name='s' shape='rectangle' width=0.02 height=0.008 /
+&body name='b' kind='beam' length=0.2 elements=2 angle={angle} material='m' section='s' /
+&joint name='j' type='prismatic' body_a='b' node_a=1 direction={{{angle}+1.2}} friction=0.25 /
+&force name='f' type='torque' body='b' node=-1 moment=0.02 /
+&sensor name='d' quantity='deflection' body='b' node=-1 /
+&sensor name='slip' quantity='friction' joint='j' /
+&transient step=2e-5 t_end=0.02 output_step=1e-2 /
+"""
+    first, *others = [run_deck(deck.format(angle=x)).history for x in np.arange(8) / 4]
+    for other in others:
+        for name in ("d.r", "slip.rate", "slip.f"):
+            np.testing.assert_allclose(other[name], first[name], rtol=0, atol=1e-3 * np.ptp(first[name]))
+
+
 def test_slider_crank_with_friction_in_four_joints(run_deck):
     """Against independent equations up to the third event; then all joints come to rest and share the load."""
     run = run_deck(CRANK.replace("METHOD", "method='dopri5' tolerance=1e-11 t_end=0.12 output_step=0.01"))
