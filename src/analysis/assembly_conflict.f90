@@ -1,15 +1,11 @@
-!> Why a mechanism cannot be assembled:
-!> - a joint or drive too many;
-!> - a joint that the lengths of its loop do not reach;
-!> - a weld whose angle contradicts the others.
-!> To find it, parts of the scene are assembled. This costs time only after an assembly that failed.
+!> Why a mechanism cannot be assembled: a joint or drive too many, or one that the lengths of its loop do not reach. To find it,
+!> parts of the scene are assembled. This costs time only after an assembly that failed.
 module assembly_conflict
   use kinds, only: wp
   use assembly_reports, only: assembly_report, gap_text
   use build_scene, only: build
-  use constraint, only: constraint_model
   use deck_origin, only: origin
-  use deck_records, only: deck, marker_record
+  use deck_records, only: deck
   use dynamics, only: evaluate_start
   use errors, only: failure, fault_list
   use joint_geometry, only: condense_geometry
@@ -23,8 +19,8 @@ module assembly_conflict
   private
   public :: explain_open_joints, deck_line_of
 
-  character(*), parameter :: what_is_expected = '; expected positions and angles near which every joint and drive holds at t = 0'
-  integer, parameter :: most_welds = 100            !! welds and prismatic joints whose angles are tried
+  character(*), parameter :: what_is_expected = '; expected positions and angles near which every joint and drive '// &
+                                              'holds at t = 0 (welds and prismatic joints hold the angles that the deck has)'
 
 contains
 
@@ -39,20 +35,19 @@ contains
     type(assembly_report) :: report
     character(:), allocatable :: words
     real(wp), allocatable :: q(:)
-    integer :: culprit, named, low, middle, k
+    integer :: culprit, low, middle, k
     call build(d, all, faults)
     low = 0                                         ! the first `low` constraints close, the first `culprit` do not
     culprit = size(all%constraints)
     do while (culprit - low > 1)
       middle = (low + culprit)/2
-      call assemble_part(all, [(k <= middle, k=1, size(all%constraints))], 0, m, ev, q, report)
+      call assemble_part(all, [(k <= middle, k=1, size(all%constraints))], m, ev, q, report)
       if (report%open) culprit = middle
       if (.not. report%open) low = middle
     end do
-    call contradicting_angle(d, all, culprit, words, named)
-    if (len(words) == 0) call open_constraint(d, all, culprit, words)
+    call open_constraint(d, all, culprit, words)
     fail%message = 'the mechanism cannot be assembled: '//words
-    fail%deck_line = deck_line_of(d, named)
+    fail%deck_line = deck_line_of(d, culprit)
   end subroutine explain_open_joints
 
   !> How far a constraint stays open where others are closed, and why.
@@ -69,12 +64,12 @@ contains
     integer :: k
     real(wp) :: start(0:2)                            ! of a drive [m, rad], per s, per s2
     logical :: surplus
-    call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], 0, m, ev, q, report)
+    call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], m, ev, q, report)
     where_closed = ' where all others are closed'
-    call assemble_part(all, [(k /= culprit, k=1, size(all%constraints))], 0, without, other, q, report)
+    call assemble_part(all, [(k /= culprit, k=1, size(all%constraints))], without, other, q, report)
     if (report%open) then
       where_closed = ' where those before it in the deck are closed'
-      call assemble_part(all, [(k < culprit, k=1, size(all%constraints))], 0, without, other, q, report)
+      call assemble_part(all, [(k < culprit, k=1, size(all%constraints))], without, other, q, report)
     end if
     call evaluate_start(m, ev, q)
     surplus = leaves_no_motion(d, culprit)
@@ -125,8 +120,8 @@ contains
     call build(rigid, all, faults)
     yes = .false.
     if (faults%count > 0) return
-    call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], 0, m, ev, q, report)
-    call assemble_part(all, [(k < culprit, k=1, size(all%constraints))], 0, without, other, q, before)
+    call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], m, ev, q, report)
+    call assemble_part(all, [(k < culprit, k=1, size(all%constraints))], without, other, q, before)
     if (before%open) return
     allocate (weak(m%s%rows))
     call evaluate_start(m, ev, q)
@@ -135,13 +130,11 @@ contains
     yes = count(.not. weak) < before%rank + m%s%constraints(culprit)%item%rows
   end function leaves_no_motion
 
-  !> Some of the constraints of a scene, one of them without the angle that it holds.
-  subroutine choose_part(all, chosen, freed, part)
+  !> Some of the constraints of a scene.
+  subroutine choose_part(all, chosen, part)
     type(scene), intent(in) :: all
     logical, intent(in) :: chosen(:)                  !! (constraints)
-    integer, intent(in) :: freed                    !! whose angle is free, 0: none
     type(scene), intent(out) :: part
-    logical :: done
     integer :: k, n
     part = all
     deallocate (part%constraints)
@@ -160,7 +153,6 @@ contains
       if (.not. chosen(k)) cycle
       n = n + 1
       allocate (part%constraints(n)%item, source=all%constraints(k)%item)
-      if (k == freed) call part%constraints(n)%item%release_angle(done)
       part%constraints(n)%item%first = part%rows + 1
       part%rows = part%rows + part%constraints(n)%item%rows
     end do
@@ -168,66 +160,18 @@ contains
   end subroutine choose_part
 
   !> Assembles the constraints of a scene that are chosen; velocities do not count.
-  subroutine assemble_part(all, chosen, freed, m, ev, q, report)
+  subroutine assemble_part(all, chosen, m, ev, q, report)
     type(scene), intent(in) :: all
     logical, intent(in) :: chosen(:)                  !! (constraints)
-    integer, intent(in) :: freed                    !! whose angle is free, 0: none
     type(mechanism_model), intent(out) :: m
     type(evaluation), intent(out) :: ev
     real(wp), allocatable, intent(out) :: q(:)   !! (nq) assembled positions [m, rad]
     type(assembly_report), intent(out) :: report
     type(failure) :: fail
     type(scene) :: part
-    call choose_part(all, chosen, freed, part)
+    call choose_part(all, chosen, part)
     call assemble_scene(part, m, ev, q, report, fail)
   end subroutine assemble_part
-
-  !> The weld or prismatic joint whose angle must change least so that all joints close; empty: there is none.
-  subroutine contradicting_angle(d, all, culprit, words, named)
-    type(deck), intent(in) :: d
-    type(scene), intent(in) :: all
-    integer, intent(in) :: culprit                  !! the first constraint that does not close with those before it
-    character(:), allocatable, intent(out) :: words
-    integer, intent(out) :: named                   !! joint or drive that is to blame
-    type(mechanism_model) :: m
-    type(evaluation) :: ev
-    type(assembly_report) :: report
-    class(constraint_model), allocatable :: one
-    real(wp), allocatable :: q(:)
-    real(wp) :: deck_value, angle, least
-    integer :: k, i, tried
-    logical :: holds
-    words = ''
-    named = culprit
-    least = huge(1.0_wp)
-    tried = 0
-    do k = 1, min(culprit, all%joints)
-      if (allocated(one)) deallocate (one)
-      allocate (one, source=all%constraints(k)%item)
-      call one%release_angle(holds)
-      if (.not. holds) cycle
-      tried = tried + 1
-      if (tried > most_welds) return
-      call assemble_part(all, [(i <= culprit, i=1, size(all%constraints))], k, m, ev, q, report)
-      if (report%open) cycle
-      deck_value = deck_angle(d, d%joints(k)%a) - deck_angle(d, d%joints(k)%b)
-      angle = ev%p%angle(one%ia) - ev%p%angle(one%ib)
-      if (abs(angle - deck_value) >= least) cycle
-      least = abs(angle - deck_value)
-      named = k
-      words = name_of(d, k)//' holds the angle '//to_text(deck_value)//' rad between its bodies, that of the deck, but all '// &
-              'others close at '//to_text(angle)//' rad: an angle in the deck contradicts it'//what_is_expected
-    end do
-  end subroutine contradicting_angle
-
-  !> Angle of a marker's body in the deck.
-  pure function deck_angle(d, p) result(angle)
-    type(deck), intent(in) :: d
-    type(marker_record), intent(in) :: p
-    real(wp) :: angle                               !! 0 for the ground [rad]
-    angle = 0.0_wp
-    if (p%body > 0) angle = d%bodies(p%body)%angle
-  end function deck_angle
 
   !> A joint or drive with its line: `weld "w" in line 7`.
   function name_of(d, k) result(text)

@@ -4,11 +4,10 @@ module layer_limits
   use kinds, only: wp, pi
   use body, only: body_model
   use layered_section, only: layered_section_model, section_layer
-  use mechanism, only: mechanism_model
   use text, only: either, es_text, fixed_text
   implicit none (type, external)
   private
-  public :: body_sentence, limits_of_layers, modulus_ratio, thick_layers, stiff_core
+  public :: body_sentence, modulus_ratio, thick_layers, stiff_core
 
   real(wp), parameter :: thick = 0.05_wp             !! bonded layers over half a wave: a frequency errs by 0.3 %, a loss by 1 % [-]
   real(wp), parameter :: gives_way = 0.1_wp          !! of a core's resonance across: a loss factor errs by about 1 % [-]
@@ -16,22 +15,9 @@ module layer_limits
 
 contains
 
-  !> Warnings of all bodies with layers for motion up to a frequency.
-  function limits_of_layers(m, omega) result(text)
-    type(mechanism_model), intent(in) :: m
-    real(wp), intent(in) :: omega                    !! [rad/s]
-    character(:), allocatable :: text
-    integer :: b
-    text = ''
-    do b = 1, size(m%s%bodies)
-      text = text//thick_layers(m%s%bodies(b), '', omega)
-    end do
-  end function limits_of_layers
-
   !> Warnings of a body for waves of a frequency; empty where there are none.
-  function thick_layers(body, stage, omega) result(text)
+  function thick_layers(body, omega) result(text)
     type(body_model), intent(in) :: body
-    character(*), intent(in) :: stage                !! words that go before the body
     real(wp), intent(in) :: omega                    !! [rad/s]
     character(:), allocatable :: text
     real(wp) :: height, soft, across                 ! largest of all sections, over their limits' quantities [-]
@@ -39,7 +25,6 @@ contains
     integer :: e
     logical :: bonded
     text = ''
-    if (.not. body%flexible .or. .not. allocated(body%layers)) return
     if (.not. (omega > 0.0_wp .and. omega < huge(1.0_wp))) return
     height = 0.0_wp
     soft = 0.0_wp
@@ -56,12 +41,12 @@ contains
         across = max(across, x(3))
       end associate
     end do
-    if (height > thick) text = text//body_sentence(body, stage, 'has bonded layers that together are as thick as', 100*height, &
+    if (height > thick) text = text//body_sentence(body, '', 'has bonded layers that together are as thick as', 100*height, &
       '% of half a wave, or of a cover: beyond 5 % they shear, which is left out'//either(' (shear=.true. has it)', '', bonded))
-    if (soft > 1.0_wp) text = text//body_sentence(body, stage, 'has a bonded layer whose modulus, over that of another '// &
+    if (soft > 1.0_wp) text = text//body_sentence(body, '', 'has a bonded layer whose modulus, over that of another '// &
       'one, is', 1/soft, 'of (thickness over half a wave) squared: below 1 it shears and gives way across, and no theory of '// &
       'beams tells its damping')
-    if (across > gives_way) text = text//body_sentence(body, stage, 'has a core that gives way across: the motion is as fast as', &
+    if (across > gives_way) text = text//body_sentence(body, '', 'has a core that gives way across: the motion is as fast as', &
       across, 'of the resonance of its faces on its thickness; beyond 0.1 its loss factor errs by more than 1 %')
   end function thick_layers
 
@@ -133,15 +118,13 @@ contains
   end function covered_span
 
   !> A warning of cores that are stiff: what a viscoelastic one stores in its stretch over that of the thinner layer beside it.
-  function stiff_core(body, stage) result(text)
+  function stiff_core(body) result(text)
     type(body_model), intent(in) :: body
-    character(*), intent(in) :: stage                !! words that go before the body
     character(:), allocatable :: text
     real(wp) :: ratio                                ! [-]
     integer :: k, l
     text = ''
     ratio = 0.0_wp
-    if (.not. allocated(body%layers)) return
     do k = 1, size(body%layers%sections)
       associate (s => body%layers%sections(k), ea => body%layers%sections(k)%layers%young*body%layers%sections(k)%layers%area)
         do l = 2, size(ea) - 1
@@ -150,7 +133,7 @@ contains
         end do
       end associate
     end do
-    if (ratio > stretched_core) text = body_sentence(body, stage, 'has a core that would store in its stretch', 100*ratio, &
+    if (ratio > stretched_core) text = body_sentence(body, '', 'has a core that would store in its stretch', 100*ratio, &
       '% of what a face beside it does: its viscoelastic terms act on its shear alone (core_stretch=.true.: on all of it)')
   end function stiff_core
 

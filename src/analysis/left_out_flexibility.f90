@@ -23,7 +23,7 @@ module left_out_flexibility
   private
   public :: flexibility_lines
 
-  real(wp), parameter :: noticed = 1.0e-9_wp     !! share below which the modes are as good as the mesh [-]
+  real(wp), parameter :: noticed = 1.0e-9_wp     !! share that is rounding: the modes are as good as the mesh [-]
 
 contains
 

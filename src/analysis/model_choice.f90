@@ -2,7 +2,7 @@
 !> pilots beside a better model. The deck then has plain numbers, and all that follows sees an ordinary deck.
 module model_choice
   use kinds, only: wp, pi, ip
-  use accuracy_words, only: column_lines
+  use accuracy_words, only: column_lines, modes_share
   use build_scene, only: build
   use deck_geometry, only: removed_coordinates
   use deck_mesh, only: set_elements
@@ -20,8 +20,7 @@ module model_choice
   public :: begin_model, choose_model
 
   integer, parameter :: most_modes = 60        !! of a body
-  real(wp), parameter :: halving_error = 4/3.0_wp   !! error of a mesh over the change where errors fall by four [-]
-  real(wp), parameter :: modes_share = 0.5_wp  !! of what a column may err by that left-out modes may take [-]
+  real(wp), parameter :: halving_error = 1/(1 - 0.5_wp**2)   !! error of a mesh over the change by half the length, by theory [-]
 
 contains
 

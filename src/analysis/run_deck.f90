@@ -36,8 +36,7 @@ module run_deck
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
   use typical_mistakes, only: warn_of_mistakes
-  use validity, only: thick_beams
-  use layer_limits, only: limits_of_layers
+  use validity, only: limits_of_beams
   implicit none (type, external)
   private
   public :: run_one_deck, run_options, print_words
@@ -238,7 +237,6 @@ contains
     if (.not. run%restart) call begin_results(run, fail)
     call check_lapack('set-up', fail)
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
-    if (run%vibrates()) call text%warn(thick_beams(run%sys%m))
     if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
     call check_lapack('static analysis', fail)
     if (.not. run%d%static%present) run%sys%options%stage = stage_linear
@@ -246,7 +244,7 @@ contains
     call check_lapack('modal analysis', fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
     call check_lapack('frequency response', fail)
-    call text%warn(limits_of_layers(run%sys%m, run%fastest))
+    call text%warn(limits_of_beams(run%sys%m, run%fastest))
     if (run%d%periodic%present .and. .not. fail%happened()) call run_periodic(run, text, fail)
     call check_lapack('periodic analysis', fail)
     if (run%d%transient%present .and. .not. fail%happened()) then

@@ -50,18 +50,11 @@ module scene_run
     logical :: quiet = .false.
     logical :: restart = .false.
   contains
-    procedure :: vibrates
     procedure :: late
     procedure :: exchange_model
   end type run_state
 
 contains
-
-  !> Whether the deck asks for modes or responses, in which all bodies bend.
-  pure logical function vibrates(self)
-    class(run_state), intent(in) :: self
-    vibrates = self%d%modal%present .or. self%d%response%present
-  end function vibrates
 
   !> Whether `most_seconds` are over.
   logical function late(self)

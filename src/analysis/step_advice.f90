@@ -61,16 +61,14 @@ contains
     advice%provided = ''
     advice%lowest = advice%safe%step
     if (advice%safe%step(1) >= huge(1.0_wp)) return
-    if (any(m%s%bodies%stiffening)) call provide('tension', 'with geometric stiffening the bounds are those of the start; '// &
-                                                 'tension raises frequencies')
-    if (any([(m%s%forces(b)%item%motions > 0, b=1, size(m%s%forces))])) call provide('forces over the motion', &
-      'what forces over the motion add is in the current bound alone: the safe bound counts them as they are at the start')
+    call as_at_start('tension', any(m%s%bodies%stiffening))
+    call as_at_start('forces over the motion', any([(m%s%forces(b)%item%motions > 0, b=1, size(m%s%forces))]))
     work = ev
     call evaluate_start(m, work, q)
-    if (any(turning_stiffness(m, work) > 0.0_wp)) call provide('forces of springs', 'springs under load count with their '// &
-      'force as it is at the start; where it grows it adds stiffness against turns that the safe bound does not count')
-    if (size(m%s%friction) > 0) call provide('friction', 'friction of joints changes with the reactions that it changes, '// &
-      'which couples motions unsymmetrically; no bound counts that')
+    call as_at_start('forces of springs', any(turning_stiffness(m, work) > 0.0_wp))
+    call as_at_start('friction of joints', size(m%s%friction) > 0)
+    if (len(advice%provided) > 0) call advice%text%line('  note: the safe bound takes '//advice%provided//' as at the start: '// &
+                                                        'where they grow it may fall, as the current bound then tells')
     if (.not. any(m%s%bodies%flexible)) return
     bent = q
     do b = 1, size(m%s%bodies)
@@ -85,13 +83,12 @@ contains
                           'model holds they would allow about {bent_bound 4} s (rk4), limited by {bent_bound_limited_by='// &
                           trim(bent_bound%cause(1)%what)//'}', bent_bound%step(1:1))
   contains
-    !> Adds a note, and what has to stay as it is at the start.
-    subroutine provide(what, note)
-      character(*), intent(in) :: what, note
-      call advice%text%line('  note: '//note)
-      if (len(advice%provided) > 0) advice%provided = advice%provided//' and '
-      advice%provided = advice%provided//what
-    end subroutine provide
+    !> Adds what has to stay as it is at the start.
+    subroutine as_at_start(what, true)
+      character(*), intent(in) :: what
+      logical, intent(in) :: true
+      if (true) advice%provided = advice%provided//either(' and ', '', len(advice%provided) > 0)//what
+    end subroutine as_at_start
   end subroutine note_limits
 
   !> The safe bound and that of the mechanism as it stands, which the former never exceeds: joints may keep a mode from what

@@ -14,10 +14,7 @@ module typical_mistakes
   public :: warn_of_mistakes
 
   real(wp), parameter :: slowest = 10.0_wp, fastest = 2.0e4_wp   !! sound in bars of any solid, rubber to diamond [m/s]
-  real(wp), parameter :: deepest = 2.0_wp      !! a section of more than this beside gravity is in millimetres [m]
-  real(wp), parameter :: longest = 1000.0_wp   !! a body of more than this is [m]
   character(*), parameter :: idle = 'temperature changes nothing: no material of it has wlf, arrhenius or vertical'
-  real(wp), parameter :: thin = 0.1_wp         !! a body of more than 10 m with less than this a metre is, too [kg/m]
 
 contains
 
@@ -33,7 +30,8 @@ contains
     end do
     call odd_materials(d)
     call degrees(d)
-    call millimetres(d)
+    call warn_if(norm2(d%scene%gravity) > 1000.0_wp, d%scene%at, 'gravity of '//to_text(norm2(d%scene%gravity))// &
+                 ' m/s2: mm/s2 for m/s2?')
     call loose_bodies(d)
     if (check) call warn_if(.not. d%parameters%used, d%parameters%at, 'no expression uses it')
     if (check .or. d%static%present .or. d%modal%present .or. d%response%present .or. d%transient%present) return
@@ -112,34 +110,6 @@ contains
                 ' turns: degrees for radians?')
     end subroutine check_angle
   end subroutine degrees
-
-  !> Lengths in millimetres beside gravity in m/s2, or the other way round.
-  subroutine millimetres(d)
-    type(deck), intent(in) :: d
-    real(wp) :: g, size_of, reach(0:size(d%bodies))   ! of the points that are named on each body, from its frame [m]
-    type(marker_record), allocatable :: named(:)
-    integer :: k
-    g = norm2(d%scene%gravity)
-    if (g > 1000.0_wp) call warn(d%scene%at, 'gravity of '//to_text(g)//' m/s2: mm/s2 for m/s2?')
-    if (g < 1.0_wp .or. g > 30.0_wp) return
-    do k = 1, size(d%sections)
-      if (.not. d%sections(k)%area > 0.0_wp) cycle       ! of layers
-      size_of = sqrt(12*d%sections(k)%inertia/d%sections(k)%area)
-      call warn_if(size_of > deepest, d%sections(k)%at, &
-                   'a depth of about '//to_text(size_of)//' m beside gravity in m/s2: mm for m?')
-    end do
-    reach = [0.0_wp, (norm2(d%bodies(k)%com), k=1, size(d%bodies))]
-    named = [list_markers(d), d%lumps%marker]
-    do k = 1, size(named)
-      reach(named(k)%body) = max(reach(named(k)%body), norm2(named(k)%point))
-    end do
-    do k = 1, size(d%bodies)
-      size_of = max(reach(k), d%bodies(k)%length)
-      call warn_if(size_of > longest .or. (d%bodies(k)%kind == 'rigid' .and. size_of > 10.0_wp .and. &
-                                           d%bodies(k)%mass < thin*size_of), d%bodies(k)%at, &
-                   'it reaches '//to_text(size_of)//' m beside gravity in m/s2: mm for m?')
-    end do
-  end subroutine millimetres
 
   !> Bodies beside others that nothing holds, touches or sets in motion.
   subroutine loose_bodies(d)

@@ -28,8 +28,6 @@ module switch_tally
     real(wp) :: to_end = 0.0_wp               !! from its beginning, or to its end by depth and rate [s]
     real(wp) :: briefest = huge(1.0_wp)       !! contact that has ended [s]
     integer :: fewest = huge(1)               !! steps of a contact that has ended
-    real(wp) :: stiffness = 0.0_wp            !! explicit methods: largest in a contact, over the mass [1/s2]
-    real(wp) :: damping = 0.0_wp              !! the same of the damping [1/s]
   contains
     procedure :: count => count_events
     procedure :: note_contact
@@ -113,7 +111,7 @@ contains
     real(wp), intent(in) :: g(0:1), rate(0:1) !! penetration at both ends, and its rates [m], [m/s] or [rad], [rad/s]
     integer, parameter :: parts(2) = [2, 16]  ! two show whether there is a maximum between the ends at all
     real(wp) :: depth(0:maxval(parts)), force(0:maxval(parts)), speed, s
-    real(wp) :: stiffness, damping            ! over the mass [1/s2], [1/s]
+    real(wp) :: stiffness, damping            ! [N/m], [N s/m] or [N m/rad], [N m s/rad]
     integer :: i, j, n
     self%steps = self%steps + 1
     do j = 1, size(parts)
@@ -133,13 +131,10 @@ contains
     if (0.5_wp*self%age > self%time) self%longest = huge(1.0_wp)
     if (.not. explicit) return
     call stop%slopes(with, maxval(depth(:n)), maxval(rate), stiffness, damping)
-    stiffness = max(stiffness, 0.0_wp)/self%mass
-    damping = damping/self%mass
-    self%stiffness = max(self%stiffness, stiffness)
-    self%damping = max(self%damping, damping)
     ! explicit methods follow a mass on it: c h/m at most 2, where they are stable, and sqrt(k/m) h at most 0.5, where they hardly
     ! damp its vibration
-    self%longest = min(self%longest, 1/max(tiny(1.0_wp), 0.5_wp*damping + 2*sqrt(stiffness)))
+    self%longest = min(self%longest, 1/max(tiny(1.0_wp), 0.5_wp*damping/self%mass + &
+                                                                   2*sqrt(max(stiffness, 0.0_wp)/self%mass)))
   end subroutine note_step
 
   !> A force that begins and ends as the power n of time, its derivatives without bound there, leaves a method of order p the order

@@ -32,14 +32,6 @@ SLIPS = {
         PLAIN + "&spring name='k' type='torsional' body_a='d' stiffness=1.0 free_angle=30.0 /\n",
         "9: spring/k: warning: free_angle=30",
     ),
-    "section in mm": (
-        PLAIN.replace("width=0.01 height=0.005", "width=10.0 height=5.0"),
-        "3: section/s: warning: a depth of about 5 m",
-    ),
-    "rigid body in mm": (
-        PLAIN + "&joint name='k' type='distance' body_a='d' point_a=80.0,0.0 point_b=90.0,0.0 /\n",
-        "6: body/d: warning: it reaches 80 m",
-    ),
     "a controller in statics": (
         PLAIN + "&history name='h' kind='polynomial' coefficients=1.0 /\n&sensor name='a' quantity='angle' body='d' /\n"
         "&controller name='c' argument='a' history='h' kp=1.0 /\n"
@@ -101,7 +93,7 @@ def test_what_may_be_meant_is_not_told(run_deck, case):
     assert run_deck(MEANT[case], "--check").stderr == ""
 
 
-WORDS = ("solids have", "turns: degrees", "mm for m", "mm/s2", "names it: it is left")
+WORDS = ("solids have", "turns: degrees", "mm/s2", "names it: it is left")
 SOLIDS = [(7800, 2.1e11), (2700, 7e10), (1100, 1e6), (1200, 3e9), (1600, 2.1e10), (600, 1e10), (3500, 1.1e12), (930, 2e8)]
 
 

@@ -339,15 +339,6 @@ def test_the_removed_energy_counts_dissipative_coordinates(kind, run_deck):
     assert abs(residual + run.transient["energy_removed"]) < 0.04 * abs(residual)
 
 
-def test_numerical_damping_is_named_where_it_makes_the_residual(run_deck):
-    """A plucked beam at steps far beyond its higher modes: they are damped, and the verdict says what that means."""
-    deck = CANTILEVER.format(history="stage='static'") + "&static /\n"
-    coarse = run_deck(deck + march("t_end=0.2 step=1e-3 spectral_radius=0.0"), name="coarse").summary
-    assert "numerical damping of vibrations that the steps do not resolve" in coarse
-    fine = run_deck(deck + march("t_end=0.02 step=2e-6 output_step=1e-3 spectral_radius=0.9"), name="fine").summary
-    assert "numerical damping of vibrations" not in fine
-
-
 def test_a_jump_at_the_end_of_a_step_is_felt_from_there_on(run_deck):
     """A pulse that starts and ends at step ends keeps order 2."""
     deck = CANTILEVER.replace("elements=8", "elements=1").format(history="history='h'")

@@ -258,4 +258,4 @@ def test_a_fast_loop_is_in_the_current_bound(run_deck, law):
     text = run_deck(deck, "--check").stdout
     bounds = [float(x) for x in re.findall(r"rk4: safe bound\s+(\S+) s .*current bound\s+(\S+) s", text)[0]]
     np.testing.assert_allclose(bounds, 2.785293563405282 / 5000, rtol=1e-3)
-    assert "what forces over the motion add is in the current bound alone" in text
+    assert "note: the safe bound takes forces over the motion as at the start" in text

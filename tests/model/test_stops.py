@@ -267,30 +267,6 @@ def test_the_example_of_a_contact_is_one_of_a_free_mass(run_deck):
     assert json.loads(told)["stop_examples"][0]["mass"] == pytest.approx(MASS, rel=1e-12)
 
 
-def test_contact_stiffness_joins_the_current_bound(run_deck):
-    """A mass between a spring and a linear stop is stable by rk4 up to 2 sqrt(2) over its frequency."""
-    deck = BALL.format(k=1, y=0.1) + FLOOR.replace("restitution=0.5", "exponent=1.0").replace("1.0e8", "1.0e4")
-    deck += "&spring name='k' type='linear' body_a='b1' point_b=0.0,-1.0 stiffness=100.0 free_length=1.1 /\n"
-    deck += "&transient t_end=0.3 method='rk4' step=1e-3 output_step=0.1 /\n"
-    run = run_deck(SCENE + deck)
-    assert run.transient["smallest_bound_in_contact"] == pytest.approx(np.sqrt(8 * MASS / (1e4 + 100)), rel=1e-5)
-    assert 'while stops touched: 3.9801E-02 s (stop "floor")' in run.summary
-
-
-def test_contact_damping_joins_the_current_bound(run_deck):
-    """Hunt and Crossley's force k d (1 + chi d'), its largest slopes: by d at touching, by d' at the largest depth."""
-    deck = BALL.format(k=1, y=0.1) + FLOOR.replace("restitution=0.5", "exponent=1.0 damping=4.0").replace("1.0e8", "1.0e4")
-    run = run_deck(SCENE + deck + SENSE + "&transient t_end=0.3 method='rk4' step=1e-5 output_step=1e-4 /\n")
-    stiffness = 1e4 * (1 + 4.0 * np.sqrt(2 * G * 0.1)) / MASS
-    damping = 4.0 * 1e4 * np.maximum(-run.history["p.y"], 0.0).max() / MASS
-    pole = np.roots([1.0, damping, stiffness])[0]
-
-    def growth(step):
-        return abs(np.polyval([1 / 24, 1 / 6, 0.5, 1.0, 1.0], step * pole)) - 1
-
-    assert run.transient["smallest_bound_in_contact"] == pytest.approx(brentq(growth, 1 / abs(pole), 4 / abs(pole)), rel=1e-3)
-
-
 def test_a_second_run_tells_how_well_events_are_known_and_up_to_when(run_deck):
     deck = (ROOT / "input" / "clearance_slider_crank.nml").read_text(encoding="utf-8")
     fine = run_deck(deck.replace("t_end=0.02", "t_end=0.007 check_error=.true.")).transient

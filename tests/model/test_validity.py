@@ -41,7 +41,7 @@ def told(run) -> list[str]:
     """Return the warnings of validity; those of the summary are the same, and where there are none it says that all is well."""
     warnings = [line[line.index("warning:") :] for line in run.stderr.splitlines() if "warning: body" in line]
     assert [line.strip() for line in run.summary.splitlines() if line.strip().startswith("warning: body")] == warnings
-    assert (SILENT in run.summary) == (not warnings)
+    assert (SILENT in run.summary) == (not [line for line in warnings if "short and thick" not in line])
     return warnings
 
 

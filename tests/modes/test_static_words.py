@@ -44,7 +44,7 @@ def test_an_inverted_pendulum_on_a_weak_spring(run_deck, stiffness):
     deck = PENDULUM.format(stiffness=stiffness)
     run = run_deck("".join(line for line in deck.splitlines(True) if stiffness or "&spring" not in line))
     assert growth(run) == pytest.approx(expected, rel=2e-6)
-    assert ('most of all of body "rod", which turns, grow' in run.stderr) == (left > 0)
+    assert ('most of all of body "rod", grow' in run.stderr) == (left > 0)
 
 
 @pytest.mark.parametrize("elements", [4, 60])
@@ -73,7 +73,7 @@ def test_a_column_beyond_its_buckling_load(run_deck, share):
     assert (rate > 0.0) == (share > 1.0)
     if not rate:
         return
-    assert '"column", which bends, grow' in run.stderr
+    assert '"column", grow' in run.stderr
     assert '"other"' not in run.stderr
     push = "&force name='push' type='force' body='column' node=-1 fy=1.0e-9 stage='transient' /\n"
     time = 12.0 / rate
@@ -97,7 +97,7 @@ def test_a_bob_that_turns_faster_than_its_spring_holds(run_deck, speed, unstable
     expected = math.sqrt(speed**2 - 500.0) if unstable else 0.0
     run = run_deck(deck)
     assert growth(run) == pytest.approx(expected, rel=1e-6)
-    assert ('"bob", which moves along (1, 0), grow' in run.stderr) == unstable
+    assert ('"bob", grow' in run.stderr) == unstable
 
 
 def test_a_large_deflection_is_told(run_deck):

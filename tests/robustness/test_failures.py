@@ -48,7 +48,7 @@ def test_an_unstable_step_between_two_rows(run_deck):
 @pytest.mark.parametrize("method", ["'rk4' step=1e-4", "'dopri5' step=1e-4", "'dopri5' tolerance=1e-8"])
 def test_a_drive_that_demands_the_impossible(method, run_deck):
     _, told = failed(run_deck, PULL + f"&transient t_end=0.1 method={method} output_step=1e-3 /\n")
-    assert re.search(r'"pull" opens most|"(o|pull)", "(o|pull)"', told)
+    assert re.search(r'"pull" opens most|"(o|pull)" "(o|pull)"', told)
     if "tolerance" not in method:
         assert re.search(r'the joints cannot be kept closed after t = \S+ s: "pull" opens most', told)
     assert float(re.search(r" t = (\S+) s", told)[1]) == pytest.approx(0.05, abs=2e-4)
@@ -74,7 +74,7 @@ def test_a_step_that_rounding_makes_too_small(run_deck):
     """Moments of 5.6e5 N m cancel on a body that hardly moves."""
     _, told = failed(run_deck, WOUND)
     assert "the step became too small" in told
-    assert "rounding sets the estimated error, where large values cancel" in told
+    assert "rounding set the estimated error, where large values cancel" in told
 
 
 def test_a_step_that_becomes_too_small(run_deck):
@@ -84,7 +84,7 @@ def test_a_step_that_becomes_too_small(run_deck):
     assert re.search(r"the step became too small at t = 5\.0000\d+E-02 s: the tolerance cannot be kept", told)
     assert "the motion may be singular there" in told
     assert 'the coordinates of body "a" grow most' in told
-    assert re.search(r'the largest reactions are those of ("pull", "o"|"o", "pull")', told)
+    assert re.search(r'the largest reactions are those of ("pull" "o"|"o" "pull")', told)
     assert "or try a larger tolerance" in told
     assert "elsewhere" not in told
 

@@ -243,7 +243,7 @@ def test_checkpoints_of_other_decks_are_refused(interrupted):
     deck = interrupted.folder / "scene.nml"
     text = deck.read_text()
     deck.write_text(text.replace("fx=20.0", "fx=20.1"))
-    refused(interrupted, "belongs to another deck, or the deck has been changed")
+    refused(interrupted, "belongs to another deck or other values of --set, or the deck has been changed")
     deck.write_text(text)
     assert interrupted.run("--restart")[0] == 0
 

@@ -18,9 +18,10 @@ module accuracy_ladder
   integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
 
   real(wp), parameter :: most_slow = 3.0_wp    !! comparisons in a row whose difference is not halved: it does not converge [-]
-  real(wp), parameter :: tighter = 0.1_wp      !! tolerance of a pass, of that before it [-]
-  real(wp), parameter :: coarsest = 1.0e-2_wp, least = 1.0e-13_wp   !! tolerances [-]
-  real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5 with its projection [-]
+  real(wp), parameter, public :: tighter = 0.1_wp      !! tolerance of a pass, of that before it [-]
+  real(wp), parameter, public :: least = 1.0e-13_wp    !! tolerance [-]
+  real(wp), parameter :: coarsest = 1.0e-2_wp  !! tolerance [-]
+  real(wp), parameter :: step_evaluations = 7.0_wp     !! of a step of dopri5: six of its tableau, one behind the projection [-]
 
   !> A pass: what it is to be, and what it has shown. The checkpoint keeps its words.
   type, public :: pass_record

@@ -16,7 +16,7 @@ module accuracy_run
   use result_columns, only: labels_of, result_column
   use stored_pass, only: compared_columns
   use summary_text, only: json_number, summary_record
-  use text, only: either, short_text, to_text
+  use text, only: either, joined, short_text, to_text
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
   implicit none (type, external)
@@ -206,24 +206,21 @@ contains
     character(80), allocatable :: names(:)
     character(:), allocatable :: words
     integer, parameter :: most = 5            ! columns named
-    integer :: k, n
+    integer :: n
     names = labels_of(compared_columns(run))
-    associate (ladder => march%ladder, pass => march%ladder%passes(march%ladder%delivered))
+    associate (ladder => march%ladder, pass => march%ladder%passes(march%ladder%delivered), all => size(names))
       words = 'the accuracy is not kept: '//trim(ladder%reason)
       if (pass%differ_at >= 0.0_wp) words = words//'; events of the last two passes differ from t = '// &
         short_text(pass%differ_at, 6)//' s on'
+      names = pack(names, ladder%apart(:all) > 1.0_wp)
+      n = size(names)
       if (pass%other == 0) then
         words = words//'; errors of the results, pass '//to_text(ladder%delivered)//', are unknown: no other pass was finished'
-      else
-        n = 0
-        do k = 1, size(names)
-          if (ladder%apart(k) <= 1.0_wp) cycle
-          n = n + 1
-          if (n <= most) words = words//merge('; ', ', ', n == 1)//trim(names(k))//' errs by an estimated '// &
-            short_text(ladder%apart(k), 1)//' of what is asked'
-        end do
-        if (n > most) words = words//' and '//to_text(n - most)//' more'
-        if (n < size(names) .and. pass%differ_at < 0.0_wp) words = words//'; the other columns keep it'
+      else if (n > 0) then
+        words = words//'; '//joined(names(:min(n, most)), ', ')//either(' and others', '', n > most)// &
+          either(' errs', ' err', n == 1)// &
+                ' by an estimated '//either('', 'largest ', n == 1)//short_text(maxval(ladder%apart(:all)), 1)//' of what is asked'
+        if (n < all .and. pass%differ_at < 0.0_wp) words = words//'; the other columns keep it'
       end if
     end associate
     call text%warn(words)

@@ -18,7 +18,7 @@ module accuracy_words
 
   real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
   real(wp), parameter :: least_range = 1.0e-3_wp       !! that counts, of the largest one of its kind [-]
-  real(wp), parameter, public :: least_part = 0.25_wp  !! of an error that is left to steps beside that of the model [-]
+  real(wp), parameter, public :: modes_share = 0.5_wp  !! of what a column may err by that left-out modes may take [-]
   real(wp), parameter :: converging = 0.5_wp           !! residual of the second run, of the first one's, at most [-]
 
 contains
@@ -150,7 +150,7 @@ contains
       asked(k) = max(accuracy*counted, floor)
       if (present(absolute) .and. asked(k) > accuracy*range(k)) absolute(k) = asked(k)
     end do
-    if (allocated(run%model_error)) where (asked < huge(1.0_wp)) asked = max(asked - run%model_error, least_part*asked)
+    if (allocated(run%model_error)) where (asked < huge(1.0_wp)) asked = max(asked - run%model_error, (1 - modes_share)*asked)
   end function asked_errors
 
   !> How well the times of events are known, and up to when the sequences of both runs agree.

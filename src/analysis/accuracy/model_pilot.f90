@@ -2,7 +2,7 @@
 !> tolerance, one of a better model, tell what the other model makes each column err (theory.md, section 12).
 module model_pilot
   use kinds, only: wp, ip
-  use accuracy_ladder, only: smallest_accuracy
+  use accuracy_ladder, only: least, smallest_accuracy, tighter
   use accuracy_words, only: asked_errors
   use column_ranges, only: column_range
   use deck_records, only: deck
@@ -62,9 +62,9 @@ contains
     type(deck), intent(in) :: d
     integer(ip), intent(in) :: began          !! count of the clock
     real(wp), intent(in) :: factor            !! error over the difference [-]
-    real(wp), parameter :: usual = 1.0e-6_wp, finer = 1.0e-2_wp, least = 1.0e-10_wp   ! [-]
+    real(wp), parameter :: usual = 1.0e-6_wp  ! [-]
     self%tolerance = usual
-    if (d%transient%accuracy > 0.0_wp) self%tolerance = max(min(usual, finer*smallest_accuracy(d)), least)
+    if (d%transient%accuracy > 0.0_wp) self%tolerance = max(min(usual, tighter**2*smallest_accuracy(d)), least)
     self%began = began
     self%factor = factor
   end subroutine begin

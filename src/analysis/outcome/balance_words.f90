@@ -11,7 +11,6 @@ module balance_words
   public :: balance_lines, closing_lines
 
   real(wp), parameter, public :: distrusted = 1.0e-2_wp   !! residual, of the energy that moved; error of a column, of its range [-]
-  real(wp), parameter :: unresolved = 0.1_wp           !! the same, of what the deformation of a body exchanged [-]
 
 contains
 
@@ -49,8 +48,7 @@ contains
       if (.not. b%exchanged()) energy = 'the kinetic energy, which is constant'
       call text%line('  energy balance: closed to {energy_balance 1} of '//energy, [b%share()])
       if (b%share() > distrusted) call text%warn('the energy balance is off by '//short_text(b%share(), 1)// &
-        ' of '//energy//': the results cannot be trusted; use a smaller step or tolerance'// &
-        damped(march%method%removed, b))
+        ' of '//energy//': the results cannot be trusted; use a smaller step or tolerance')
       call b%body_share(body, x, exchanged)
       if (body == 0) return
       name = trim(run%sys%m%s%bodies(body)%name)
@@ -58,19 +56,7 @@ contains
       call text%line('  energy balance: closed to {share 1} of what the deformation of body "{body='//name//'}" took up and '// &
                      'gave back, {exchanged 1} J', [x, exchanged])
       call text%close()
-      if (x > unresolved .and. b%share() <= distrusted) call text%warn('the energy balance is off by '//short_text(x, 1)//' of '// &
-        'the energy that the deformation of body "'//name//'" exchanged: its vibration may be wrong, slower motion right; '// &
-        'check_error=.true. estimates both')
     end associate
   end subroutine balance_lines
 
-  !> Addition to a warning where numerical damping explains most of the residual.
-  function damped(removed, b) result(text)
-    real(wp), intent(in) :: removed            !! by the method itself [J]
-    type(balance_watch), intent(in) :: b
-    character(:), allocatable :: text
-    text = ''
-    if (abs(b%row(5)) < 0.5_wp*b%largest_residual .or. abs(b%row(5) + removed) > 0.2_wp*abs(b%row(5))) return
-    text = '; most of that is numerical damping of vibrations that the steps do not resolve: slower motion may be better'
-  end function damped
 end module balance_words

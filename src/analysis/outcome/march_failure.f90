@@ -7,28 +7,26 @@ module march_failure
   use assembly_reports, only: too_uneven, weakest_constraint, weakest_text, widest_gap
   use contact_mass, only: drives_against, mass_at
   use evaluation_results, only: evaluation
-  use motion_watch, only: switch_watch
   use root_watch, only: most_roots
   use scene_run, only: run_state
   use slipping, only: painleve_ratio
+  use sorting, only: ascending
   use step_control, only: error_norm
   use switching, only: element_name, too_soft
-  use text, only: fixed_text, short_text
+  use text, only: either, fixed_text, in_quotes, short_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape, &
                           trouble_events, trouble_system
   implicit none (type, external)
   private
   public :: explain_loss, explain_balance, explain_shape, explain_drift
 
-  character(*), parameter :: too_large = 'the step is too large for stability or for the motion there: try a smaller one '// &
+  character(*), parameter :: too_large = '; the step is too large for stability or for the motion there: try a smaller one '// &
                                          '(biela --check tells the stable ones), or dopri5 with a tolerance'
-
-  integer, parameter :: trouble_masses = -1    !! a cause that no stepper reports: uneven masses
-  real(wp), parameter :: nearly_locked = 0.9_wp   !! Painleve's ratio from which friction is named as the cause [-]
-  real(wp), parameter :: shortest_step = 1.0e-9_wp   !! stable step over the run: rounding disturbs faster motion [-]
-
   character(*), parameter :: beyond_reach = '; joints and drives may demand the impossible there, such as a drive beyond '// &
                                             'the reach of the mechanism'
+  integer, parameter :: trouble_masses = -1    !! a cause that no stepper reports: uneven masses
+  real(wp), parameter :: nearly_locked = 0.9_wp   !! Painleve's ratio from which friction is named as the cause [-]
+  integer, parameter :: most_named = 4
 
 contains
 
@@ -39,7 +37,7 @@ contains
     class(stepper), intent(in) :: march
     real(wp), intent(in) :: last               !! time of the last row [s]
     type(failure), intent(inout) :: fail
-    character(:), allocatable :: text
+    character(:), allocatable :: text, at, growing
     real(wp), allocatable :: ratios(:)
     integer :: b, trouble
     b = 0
@@ -51,61 +49,58 @@ contains
     trouble = merge(trouble_masses, march%trouble, run%sys%ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size)
     ratios = ratios_now(run)
     if (any(ratios > nearly_locked) .and. trouble /= trouble_masses) trouble = trouble_system
+    at = ' at t = '//number(march%t)//' s'
+    growing = growing_body(run, norm, march%trial)
     select case (trouble)
     case (trouble_system)
       if (run%sys%sunk > 0) then
-        text = 'at t = '//number(march%t)//' s '//too_soft(run%sys%m, run%sys%sunk)
+        text = at(2:)//' '//too_soft(run%sys%m, run%sys%sunk)
       else
-        text = friction_fault(run, ratios, march%t)
+        text = friction_fault(run, ratios, at)
       end if
     case (trouble_masses)
       text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//weakest_text(run%sys%m, run%sys%ev)
     case (trouble_manifold)
       text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//widest_gap(run%sys%m, run%sys%ev)// &
-             ' at t = '//number(march%tried)//' s'//beyond_reach// &
-             advice('or the step is too large: check the drive, or try a smaller step', &
-                    'check the drive and the geometry', run)
+             ' at t = '//number(march%tried)//' s'//beyond_reach//check_the_drive(run)
     case (trouble_accuracy)
-      text = 'the step became too small at t = '//number(march%t)//' s: the tolerance cannot be kept'// &
-             growing_body(run, norm, march%trial)//largest_reactions(run)
-      if (run%stable_step < shortest_step*run%d%transient%t_end) then
-        text = text//'; light masses or stiff springs ask for steps below '//number(run%stable_step)//' s, whose motion '// &
-               'rounding shakes: check them, or use radau'
-      else
-        text = text//'; the motion may be singular there, or rounding sets the estimated error, where large values cancel '// &
-               '(springs wound or stretched far, places far from the origin): check loads, drives and positions, or try a '// &
-               'larger tolerance'
-      end if
+      text = 'the step became too small'//at//': the tolerance cannot be kept'//growing//largest_reactions(run)// &
+             '; the motion may be singular there, rounding set the estimated error, where large values cancel (springs wound '// &
+             'or stretched far, places far from the origin), or light masses on stiff springs be too fast (biela --check '// &
+             'tells): check these, loads and drives, or try a larger tolerance or radau'
     case (trouble_iteration)
-      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//growing_body(run, norm, march%trial)
+      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//growing
       if (run%sys%m%s%rows > 0) then
-        text = text//beyond_reach//advice('or the step is too large: check the drive, or try a smaller step', &
-                                          'check the drive and the geometry', run)
+        text = text//beyond_reach//check_the_drive(run)
       else
-        text = text//advice('try a smaller step', 'try a larger tolerance', run)
+        text = text//'; try a '//either('larger tolerance', 'smaller step', run%d%transient%adaptive)
       end if
     case (trouble_events)
-      b = choice_to_and_fro(run, march%roots%fallen)
       if (run%sys%conflict > 0) then
-        text = rigid_conflict(run, march%t)
-      else if (b > 0) then
-        text = 'history "'//element_name(run%sys%m, b)//'" switches to and fro without end at t = '//number(march%t)// &
-               ' s: what each of its histories does drives its column back to the level. Expected friction of a joint, which '// &
-               'holds what it brakes, or in place of the switch a table over the column that rises steeply there'
+        text = rigid_conflict(run, at)
       else
-        text = 'events follow one another without end at t = '//number(march%t)//' s, in'// &
-               last_elements(run, march%roots%fallen)//': more than 1000 in a millionth of the run; their limits may '// &
-               'exclude one another, or a drive may press against a limit that yields too little: check limits and stiffnesses'
+        text = 'events follow one another without end'//at//', in'//last_elements(run, march%roots%fallen)//': more than 1000 '// &
+               'in a millionth of the run. Limits may exclude one another, a drive press against one that yields too little, '// &
+               'or a history of kind=''switch'' drive its column back to its level: check limits and stiffnesses; in place of '// &
+               'a switch take friction of a joint, or a table that rises steeply'
       end if
     case default      ! trouble_size
-      text = 'the solution diverged at t = '//number(march%tried)//' s'//growing_body(run, norm, march%trial)
-      text = text//advice(too_large, 'no step is small enough: check the loads', run)
+      text = 'the solution diverged at t = '//number(march%tried)//' s'//growing// &
+             either('; no step is small enough: check the loads', too_large, run%d%transient%adaptive)
     end select
-    call fail%raise(status_failed, text//'. '//complete_until(last))
+    call give_up(text, last, fail)
     if (trouble /= trouble_masses) return
     b = weakest_constraint(run%sys%m, run%sys%ev)
     if (b > 0) fail%deck_line = deck_line_of(run%d, b)
   end subroutine explain_loss
+
+  !> Ends the run with a paragraph.
+  subroutine give_up(text, last, fail)
+    character(*), intent(in) :: text
+    real(wp), intent(in) :: last               !! time of the last row [s]
+    type(failure), intent(inout) :: fail
+    call fail%raise(status_failed, text//'. Results up to t = '//number(last)//' s are complete')
+  end subroutine give_up
 
   !> Painleve's ratio of each joint with friction when it was last checked; where the last evaluation has found no force that meets
   !> the law, also there.
@@ -125,10 +120,10 @@ contains
   end function ratios_now
 
   !> Which joint with friction has no motion of rigid bodies that satisfies its law.
-  function friction_fault(run, ratios, t) result(text)
+  function friction_fault(run, ratios, at) result(text)
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: ratios(:)          !! (joints with friction) [-]
-    real(wp), intent(in) :: t                  !! [s]
+    character(*), intent(in) :: at             !! when, in words
     character(:), allocatable :: text
     real(wp) :: ratio
     integer :: k
@@ -136,14 +131,13 @@ contains
       k = maxloc(ratios, 1)
       ratio = ratios(k)
       if (.not. ratio > nearly_locked) then
-        text = 'no joint with friction was found to stick or slip by its law at t = '//number(t)//' s'//largest_reactions(run)// &
-               '; expected smaller coefficients, or elastic bodies that decide how joints share a load'
+        text = 'no joint with friction was found to stick or slip by its law'//at//largest_reactions(run)//'; expected smaller '// &
+               'coefficients, or elastic bodies that decide how joints share a load'
         return
       end if
-      text = 'joint "'//element_name(m, size(m%s%switching) + k)//'" at t = '//number(t)//' s: its friction presses '// &
-             fixed_text(ratio, 3)//' times as hard as it brakes'
-      if (ratio < 1.0_wp) text = text//', and harder from here on'
-      text = text//'; rigid bodies have no (or two) accelerations there (Painleve); a friction below '// &
+      text = 'joint "'//element_name(m, size(m%s%switching) + k)//'"'//at//': its friction presses '//fixed_text(ratio, 3)// &
+             ' times as hard as it brakes'//either(', and harder from here on', '', ratio < 1.0_wp)//'; rigid bodies have no '// &
+             '(or two) accelerations there (Painleve); a friction below '// &
              fixed_text(m%s%friction(k)%kinetic/ratio, 3)//', or an elastic link, has one'
     end associate
   end function friction_fault
@@ -155,11 +149,10 @@ contains
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     real(wp), intent(in) :: residual, energy   !! at t; largest before [J]
     type(failure), intent(inout) :: fail
-    call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: the energy balance is off by '// &
-                    number(residual)//' J, where energies were up to '//number(energy)//' J'// &
-                    growing_body(run, norm, run%y)//largest_reactions(run)// &
-                    advice(too_large, 'check drives and near-singular positions, or try a smaller tolerance', run)//'. '// &
-                    complete_until(last))
+    call give_up('the solution diverged before t = '//number(t)//' s: the energy balance is off by '//number(residual)// &
+                 ' J, where energies were up to '//number(energy)//' J'//growing_body(run, norm, run%y)//largest_reactions(run)// &
+                 either('; check drives and near-singular positions, or try a smaller tolerance', too_large, &
+                        run%d%transient%adaptive), last, fail)
   end subroutine explain_balance
 
   !> A body whose deflections have no meaning any more, though the equations are integrated well.
@@ -168,11 +161,10 @@ contains
     integer, intent(in) :: b                   !! body
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     type(failure), intent(inout) :: fail
-    call fail%raise(status_failed, 'the solution diverged before t = '//number(t)//' s: body '//name_of(run, b)// &
-                    ' deflects by more than a thousand times the size of the scene'// &
-                    advice(too_large//'; or ', '', run)//'the motion itself grows without bound: a beam that spins '// &
-                    'faster than its first bending frequency needs stiffening=.true., loads may exceed a buckling load. '// &
-                    complete_until(last))
+    call give_up('the solution diverged before t = '//number(t)//' s: body '//name_of(run, b)//' deflects by more than a '// &
+      'thousand times the size of the scene'//either('; ', too_large//'; or ', run%d%transient%adaptive)//'the motion itself '// &
+                 'grows without bound: a beam that spins faster than its first bending frequency needs stiffening=.true., '// &
+                 'loads may exceed a buckling load', last, fail)
   end subroutine explain_shape
 
   !> Joints that have drifted apart in a run that does not close them.
@@ -180,63 +172,47 @@ contains
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     type(failure), intent(inout) :: fail
-    call fail%raise(status_failed, 'the joints have drifted apart by t = '//number(t)//' s: '// &
-                    widest_gap(run%sys%m, run%sys%ev)//', more than a hundredth of the scene''s size; a drive may demand '// &
-                    'the impossible there; try '// &
-                    'stabilization=''projection'', or a smaller step or tolerance. '//complete_until(last))
+    call give_up('the joints have drifted apart by t = '//number(t)//' s: '//widest_gap(run%sys%m, run%sys%ev)//', more than a '// &
+                 'hundredth of the scene''s size; a drive may demand the impossible there; try stabilization=''projection'', '// &
+                 'or a smaller step or tolerance', last, fail)
   end subroutine explain_drift
 
   !> A rigid stop that is pressed by a part which cannot move back.
-  function rigid_conflict(run, t) result(text)
+  function rigid_conflict(run, at) result(text)
     type(run_state), intent(in) :: run
-    real(wp), intent(in) :: t                  !! [s]
-    character(:), allocatable :: text, drives
+    character(*), intent(in) :: at             !! when, in words
+    character(:), allocatable :: text
     type(evaluation) :: work
     work = run%sys%ev
     associate (k => run%sys%m%s%switching(run%sys%conflict))
-      drives = ''
-      if (.not. mass_at(run%sys%m, work, k) < huge(1.0_wp)) drives = drives_against(run%sys%m, work)
-      text = 'stop "'//trim(run%sys%m%s%forces(k)%item%name)//'" is rigid, and what presses on it at t = '//number(t)// &
-             ' s cannot give way'
+      text = 'stop "'//trim(run%sys%m%s%forces(k)%item%name)//'" is rigid, and what presses on it'//at//' cannot give way'
+      if (.not. mass_at(run%sys%m, work, k) < huge(1.0_wp)) then
+        if (len(drives_against(run%sys%m, work)) > 0) text = text//': it is moved by drive'//drives_against(run%sys%m, work)
+      end if
     end associate
-    if (len(drives) > 0) text = text//': it is moved by drive'//drives
     text = text//'; give the stop a stiffness, or check drives and limits'
   end function rigid_conflict
-
-  !> The switch of a load's factor that fell at the last event, its number among the elements that switch; 0: none did.
-  pure integer function choice_to_and_fro(run, fallen) result(i)
-    type(run_state), intent(in) :: run
-    logical, intent(in) :: fallen(:)           !! (roots) those of the last event
-    do i = size(run%sys%m%s%switching), 1, -1
-      if (.not. any(fallen(most_roots*(i - 1) + 1:most_roots*i))) cycle
-      select type (f => run%sys%m%s%forces(run%sys%m%s%switching(i))%item)
-      class is (switch_watch)
-        return
-      end select
-    end do
-  end function choice_to_and_fro
 
   !> The elements and controllers of the last events, also of those that changed no state, as part of a sentence.
   function last_elements(run, fallen) result(text)
     type(run_state), intent(in) :: run
     logical, intent(in) :: fallen(:)           !! (roots) those of the last event
     character(:), allocatable :: text
+    character(32), allocatable :: names(:)
     logical :: named(run%sys%m%s%elements + size(run%sys%m%s%controllers))
-    integer :: k, n
-    text = ''
+    integer :: k
     associate (list => run%sys%events)
       named = any(reshape(fallen, [most_roots, size(named)]), 1)
       do k = max(1, list%count - 99), list%count
         named(list%items(k)%element) = .true.
       end do
-      n = 0
-      do k = 1, size(named)
-        if (named(k)) n = n + 1
-        if (.not. named(k) .or. n > 5) cycle
-        if (n < 5) text = text//' "'//element_name(run%sys%m, k)//'"'
-        if (n == 5) text = text//' and others'
-      end do
     end associate
+    allocate (names(size(named)))
+    do k = 1, size(named)
+      names(k) = element_name(run%sys%m, k)
+    end do
+    names = pack(names, named)
+    text = in_quotes(names(:min(most_named, size(names))))//either(' and others', '', size(names) > most_named)
   end function last_elements
 
   !> The body that grows most, as part of a sentence.
@@ -263,42 +239,28 @@ contains
   function largest_reactions(run) result(text)
     type(run_state), intent(in) :: run
     character(:), allocatable :: text
-    real(wp) :: force(size(run%sys%m%s%constraints))   !! [N]
-    real(wp) :: largest
-    integer :: k, n
+    character(32) :: names(size(run%sys%m%s%constraints))
+    real(wp) :: force(size(names))             !! [N]
+    integer :: k
     text = ''
     if (size(force) == 0) return
     do k = 1, size(force)
       associate (c => run%sys%m%s%constraints(k)%item)
+        names(k) = c%name
         force(k) = maxval(abs(run%sys%ev%lambda(c%first:c%first + c%rows - 1)))
       end associate
     end do
-    largest = maxval(force)
-    do n = 1, min(4, size(force))
-      k = maxloc(force, 1)
-      if (n > 1 .and. force(k) < 1.0e-2_wp*largest) exit
-      if (n > 1) text = text//','
-      text = text//' "'//trim(run%sys%m%s%constraints(k)%item%name)//'"'
-      force(k) = -1.0_wp
-    end do
-    text = ', the largest reactions are those of'//text
+    names = names(ascending(-force))
+    text = ', the largest reactions are those of'//in_quotes(names(:min(most_named, count(100*force >= maxval(force)))))
   end function largest_reactions
 
-  !> What to try, for fixed and for adaptive steps.
-  pure function advice(fixed, free, run) result(text)
-    character(*), intent(in) :: fixed, free
+  !> What to try where joints do not close, for fixed and for adaptive steps.
+  function check_the_drive(run) result(text)
     type(run_state), intent(in) :: run
     character(:), allocatable :: text
-    text = '; '//fixed
-    if (run%d%transient%adaptive) text = '; '//free
-  end function advice
-
-  !> Up to when results are complete.
-  function complete_until(last) result(text)
-    real(wp), intent(in) :: last               !! [s]
-    character(:), allocatable :: text
-    text = 'Results up to t = '//number(last)//' s are complete'
-  end function complete_until
+    text = either('; check the drive and the geometry', '; or the step is too large: check the drive, or try a smaller step', &
+                  run%d%transient%adaptive)
+  end function check_the_drive
 
   !> A number in a few digits.
   function number(x) result(text)

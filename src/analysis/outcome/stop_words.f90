@@ -6,7 +6,6 @@ module stop_words
   use kinds, only: wp
   use results, only: most_events
   use scene_run, only: run_state
-  use step_bounds, only: step_of
   use step_counts, only: actual_step
   use stop_advice, only: cannot_follow
   use summary_text, only: summary_record
@@ -37,7 +36,6 @@ contains
             'contact allows {step_in_contact 3} s', [h])
         end if
       end associate
-      call tell_bound(run, text)
       if (march%files%events > most_events) call text%line('  events.txt has the first '//to_text(most_events)//' of them')
       call text%open('stops', '[')
       do i = 1, size(all)
@@ -46,32 +44,6 @@ contains
       call text%close()
     end associate
   end subroutine stop_lines
-
-  !> The current bound with the stiffness of contacts: that of the stop whose mode is the fastest. The largest eigenvalue of
-  !> K + k g g' is at most the sum of that of K and of k g' M^-1 g.
-  subroutine tell_bound(run, text)
-    type(run_state), intent(in) :: run
-    type(summary_record), intent(inout) :: text
-    complex(wp) :: root                        ! of a contact's mode [1/s]
-    real(wp) :: smallest, h                    ! [s]
-    integer :: i, worst
-    if (run%monitor%method == 0) return
-    smallest = huge(1.0_wp)
-    worst = 0
-    do i = 1, run%sys%m%s%stops
-      associate (x => run%sys%tally(i))
-        if (.not. max(x%stiffness, x%damping) > 0.0_wp) cycle
-        root = sqrt(cmplx(0.25_wp*x%damping**2 - x%stiffness - run%monitor%fastest**2, 0.0_wp, wp))
-        h = min(run%monitor%smallest, step_of(run%monitor%method, [-0.5_wp*x%damping + root, -0.5_wp*x%damping - root]))
-        if (h >= smallest) cycle
-        smallest = h
-        worst = i
-      end associate
-    end do
-    if (worst == 0) return
-    call text%line('  smallest current bound of the step while stops touched: {smallest_bound_in_contact 4} s (stop "'// &
-                   trim(run%sys%m%s%forces(run%sys%m%s%switching(worst))%item%name)//'")', [smallest])
-  end subroutine tell_bound
 
   !> One stop: its contacts, their forces, the energy lost.
   subroutine one_stop(run, i, text)

@@ -42,7 +42,6 @@ contains
                        '{bound_estimates #})', [real(wp) :: run%monitor%smallest, run%monitor%at, run%monitor%estimates])
         if (.not. r%adaptive) call compare_step(run, text)
       end if
-      if (r%motion_step > 0.0_wp) call motion_interval(run, text)
     end associate
     call still_lines(run, march, text)
     call stop_lines(run, march, text)
@@ -86,27 +85,13 @@ contains
     end associate
   end subroutine compare_step
 
-  !> Says how often the motion was written where that is not what the deck asks for: it goes with the rows of the history.
-  subroutine motion_interval(run, text)
-    type(run_state), intent(in) :: run
-    type(summary_record), intent(inout) :: text
-    real(wp) :: ratio
-    associate (r => run%d%transient)
-      ratio = r%motion_step/r%output_step
-      if (ratio >= 1.0_wp .and. abs(ratio - anint(ratio)) <= 1.0e-9_wp*ratio) return
-      call text%warn('motion_step ='//es_text(r%motion_step, 3)//' s is no multiple of output_step ='// &
-                es_text(r%output_step, 3)//' s: motion.txt has a row every'// &
-                es_text(max(1.0_wp, anint(ratio))*r%output_step, 3)//' s')
-    end associate
-  end subroutine motion_interval
-
   !> Warnings of the validity watch. A run that failed says nothing in its favour.
   subroutine validity_lines(run, status, text)
     type(run_state), intent(in) :: run
     integer, intent(in) :: status              !! of the run
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: warnings
-    warnings = run%watch%warnings(run%sys%m, run%sys%ev, '', run%vibrates())//motion_outside_band(run)
+    warnings = run%watch%warnings(run%sys%m, run%sys%ev, '')//motion_outside_band(run)
     call text%warn(warnings)
     if (len(warnings) > 0 .or. status == status_failed) return
     call text%line('  validity: deflections, spins and excited frequencies stay within what the model can tell')

@@ -7,7 +7,6 @@ module equilibrium_growth
   use mode_list, only: mode_set
   use natural_modes, only: lowest_natural_modes, rounding_level
   use scene_run, only: run_state
-  use text, only: to_text
   implicit none (type, external)
   private
   public :: find_growth
@@ -17,19 +16,19 @@ module equilibrium_growth
 
 contains
 
-  !> The largest growth rate of the undamped linearisation, 0: none, and how the body moves that moves most in it. Without
+  !> The largest growth rate of the undamped linearisation, 0: none, and the body that moves most in it. Without
   !> gyroscopic terms and follower loads the lowest squared frequency says it, else the eigenvalues of the lowest modes do.
-  subroutine find_growth(run, rate, motion)
+  subroutine find_growth(run, rate, body)
     type(run_state), intent(inout) :: run
     real(wp), intent(out) :: rate                    !! [1/s]
-    character(:), allocatable, intent(out) :: motion
+    integer, intent(out) :: body
     type(stiffness_system) :: ds
     type(mode_set) :: modes
     real(wp), allocatable :: omega2(:), x(:, :)
     integer :: k
     logical :: ok
     rate = 0.0_wp
-    motion = ''
+    body = 0
     call linear_system(run, ds)
     if (ds%n == ds%rows) return
     if (ds%symmetric) then
@@ -37,7 +36,7 @@ contains
       if (.not. ok) return
       if (.not. omega2(1) < -rounding_level(ds, x(:, 1))) return
       rate = sqrt(-omega2(1))
-      motion = words_of(run, ds, cmplx(x(:, 1), 0.0_wp, wp))
+      body = most_moved(run, ds, cmplx(x(:, 1), 0.0_wp, wp))
       return
     end if
     call find_modes(ds, min(modes_looked_at, ds%n - ds%rows), modes, ok)
@@ -47,40 +46,25 @@ contains
         if (s%re <= max(rate, grows*abs(s))) cycle
         if (s%re**2 <= rounding_level(ds, abs(modes%x(:, k)))) cycle
         rate = s%re
-        motion = words_of(run, ds, modes%x(:, k))
+        body = most_moved(run, ds, modes%x(:, k))
       end associate
     end do
   end subroutine find_growth
 
-  !> The body with the largest part of a motion's kinetic energy, and whether its frame turns about a point, moves along a line, or
-  !> its elastic coordinates bend it.
-  function words_of(run, ds, x) result(words)
+  !> The body with the largest part of a motion's kinetic energy.
+  integer function most_moved(run, ds, x) result(body)
     type(run_state), intent(in) :: run
     type(stiffness_system), intent(in) :: ds
     complex(wp), intent(in) :: x(:)                  !! (n) the motion, body axes [m, rad]
-    character(:), allocatable :: words
     complex(wp) :: y(ds%n + ds%rows)
     real(wp) :: part(size(run%sys%m%s%bodies))       ! [J], to a factor
-    real(wp) :: line(3)                              ! [m, m, rad]
-    integer :: b, i, n, most
+    integer :: b, i, n
     y = ds%times(cmplx(ds%m, 0.0_wp, wp), ds%padded(x))
     do b = 1, size(part)
       i = run%sys%m%s%qo(b)
       n = 3 + run%sys%m%s%bodies(b)%nf
       part(b) = real(dot_product(x(i + 1:i + n), y(i + 1:i + n)), wp)
     end do
-    b = maxloc(part, dim=1)
-    i = run%sys%m%s%qo(b)
-    words = 'body "'//trim(run%sys%m%s%bodies(b)%name)//'", which '
-    most = i + maxloc(abs(x(i + 1:i + 3)), dim=1)
-    line = real(x(i + 1:i + 3)*conjg(x(most)), wp)
-    if (real(dot_product(x(i + 1:i + 3), y(i + 1:i + 3)), wp) < 0.5_wp*part(b)) then
-      words = words//'bends'
-    else if (abs(line(3))*run%sys%m%s%size > norm2(line(1:2))) then
-      words = words//'turns'
-    else
-      line(1:2) = nint(1000*run%sys%ev%frame%to_global(b, line(1:2))/norm2(line(1:2)))/1000.0_wp
-      words = words//'moves along ('//to_text(line(1))//', '//to_text(line(2))//')'
-    end if
-  end function words_of
+    body = maxloc(part, dim=1)
+  end function most_moved
 end module equilibrium_growth

@@ -51,9 +51,8 @@ contains
     type(evaluation_options) :: part                 ! of the loads
     type(validity_watch) :: watch
     logical :: loose(size(run%sys%m%s%bodies))       ! stops or loads alone hold it
-    character(:), allocatable :: motion
     real(wp) :: rate                                 ! of unstable motions [1/s]
-    integer :: k, steps, nq, sunk
+    integer :: k, steps, nq, sunk, body
     nq = run%sys%m%s%nq
     loose = loose_bodies(run)
     run%sys%options%stage = stage_static
@@ -98,11 +97,11 @@ contains
       'about which friction holds the mechanism')
     call text%line('  residual over the largest force: {residual} (rounding: {rounding})', [report%residual, report%noise])
     call text%close()
-    call text%warn(watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis ', run%vibrates()))
+    call text%warn(watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis '))
     if (fail%happened()) return
-    call find_growth(run, rate, motion)
+    call find_growth(run, rate, body)
     if (rate > 0.0_wp) call text%warn('the static equilibrium is unstable: without damping small motions about it, most of all '// &
-                                      'of '//motion//', grow at '//to_text(rate)//' 1/s')
+      'of body "'//trim(run%sys%m%s%bodies(body)%name)//'", grow at '//to_text(rate)//' 1/s (&modal shows them)')
   end subroutine run_static
 
   !> Equilibrium under a part of the loads. Rows of rigid stops are closed and opened until no stop is entered and none pulls.

@@ -1,7 +1,6 @@
 !> The checkpoint of a transient, results/<deck>/checkpoint: 64-bit words, in turn a mark, digests of the program and of the deck's
-!> text, the numbers of values and of letters, the values, the letters of the parameters that the command line set, a digest of all
-!> before. It is written under another name, and renamed when it and the results that it refers to are on the disk. So at any moment
-!> there is a complete one or none.
+!> text with what the command line set, the number of values, the values, a digest of all before. It is written under another name,
+!> and renamed when it and the results that it refers to are on the disk. So at any moment there is a complete one or none.
 module checkpoint
   use kinds, only: ip
   use archive, only: value_archive, digest, text_words
@@ -15,9 +14,9 @@ module checkpoint
   public :: write_checkpoint, read_checkpoint, remove_checkpoint
 
   character(*), parameter :: name = '/checkpoint'
-  character(*), parameter :: layout = ' values 8'            !! version of an archive's contents: count up where they change
+  character(*), parameter :: layout = ' values 9'            !! version of an archive's contents: count up where they change
   integer(ip), parameter :: mark = 7089336938131513954_ip    !! first word of every checkpoint
-  integer, parameter :: frame = 6                            !! words beside the values
+  integer, parameter :: frame = 5                            !! words beside the values
 
 contains
 
@@ -27,13 +26,11 @@ contains
     character(*), intent(in) :: settings                   !! `! --set NAME=VALUE`, a line each
     type(value_archive), intent(in) :: a
     logical, intent(out) :: ok
-    integer(ip), allocatable :: words(:), set(:)
-    integer :: handle, k
-    set = [(int(iachar(settings(k:k)), ip), k=1, len(settings))]
-    allocate (words(a%count + size(set) + frame))
-    words(1:5) = [mark, program_digest(), digest(text_words(deck_text)), a%count, size(set, kind=ip)]
-    words(6:5 + a%count) = a%words(1:a%count)
-    words(6 + a%count:size(words) - 1) = set
+    integer(ip), allocatable :: words(:)
+    integer :: handle
+    allocate (words(a%count + frame))
+    words(1:4) = [mark, program_digest(), digest(text_words(deck_text//settings)), a%count]
+    words(5:4 + a%count) = a%words(1:a%count)
     words(size(words)) = digest(words(1:size(words) - 1))
     handle = create_file(folder//name//'.new')
     ok = handle >= 0
@@ -60,7 +57,7 @@ contains
     type(failure), intent(inout) :: fail
     integer(ip), allocatable :: words(:)
     integer :: unit, status
-    integer(ip) :: bytes, head(5)
+    integer(ip) :: bytes, head(4)
     logical :: exists
     inquire (file=folder//name, exist=exists)
     if (.not. exists) then
@@ -78,7 +75,7 @@ contains
     end if
     open (newunit=unit, file=folder//name, access='stream', form='unformatted', status='old', action='read', iostat=status)
     if (status == 0) read (unit, iostat=status) head
-    if (status == 0 .and. minval(head(4:5)) >= 0 .and. head(4) == bytes/8 - frame - head(5)) then
+    if (status == 0 .and. head(4) == bytes/8 - frame) then
       allocate (words(bytes/8), stat=status)
       if (status == 0) read (unit, pos=1, iostat=status) words
     end if
@@ -93,39 +90,12 @@ contains
       call refuse('is damaged: its checksum does not fit')
     else if (words(2) /= program_digest()) then
       call refuse('was written by another version or build of biela')
-    else if (saved_settings() /= settings) then
-      call refuse('was written with '//listed(saved_settings())//', this run has '//listed(settings))
-    else if (words(3) /= digest(text_words(deck_text))) then
-      call refuse('belongs to another deck, or the deck has been changed since')
+    else if (words(3) /= digest(text_words(deck_text//settings))) then
+      call refuse('belongs to another deck or other values of --set, or the deck has been changed since')
     else
-      call a%begin_restoring(words(6:5 + head(4)))
+      call a%begin_restoring(words(5:4 + head(4)))
     end if
   contains
-    !> The parameters that the command line of the checkpoint set.
-    function saved_settings() result(text)
-      character(head(5)) :: text
-      integer :: k
-      do k = 1, len(text)
-        text(k:k) = achar(iand(int(words(5 + head(4) + k)), 127))
-      end do
-    end function saved_settings
-
-    !> Parameters in one line: `L=0.3 and h=2`.
-    function listed(lines) result(text)
-      character(*), intent(in) :: lines      !! `! --set NAME=VALUE`, a line each
-      character(:), allocatable :: text
-      integer :: first, length
-      text = ''
-      first = 1
-      do while (first < len(lines))
-        length = index(lines(first:), new_line('a'))
-        if (len(text) > 0) text = text//' '
-        text = text//lines(first + 2:first + length - 2)
-        first = first + length
-      end do
-      if (len(text) == 0) text = 'no --set'
-    end function listed
-
     !> Says what is wrong with the checkpoint.
     subroutine refuse(what)
       character(*), intent(in) :: what

@@ -11,16 +11,15 @@ module validity
   use text, only: either
   implicit none (type, external)
   private
-  public :: validity_watch, bend_to_limit, lowest_frequency, thick_beams
+  public :: validity_watch, bend_to_limit, limits_of_beams, lowest_frequency
 
   real(wp), parameter :: large_deflection = 0.1_wp   !! of the body's length [-]
-  real(wp), parameter :: large_rotation = 0.2_wp     !! of a section [rad]
+  real(wp), parameter :: large_angle = 0.2_wp        !! of a section in its frame, of the shear of a core [rad]
   real(wp), parameter :: fast_spin = 1.0_wp/3.0_wp   !! of the lowest bending frequency [-]
   real(wp), parameter :: slender = 0.01_wp           !! change of a frequency by shear beyond which a beam is not slender [-]
-  real(wp), parameter :: large_shear = 0.2_wp        !! angle of a core [rad]
   real(wp), parameter :: shear_ratio = 3.12_wp       !! E/(kappa G) of a rectangle at Poisson's ratio 0.3 [-]
-  real(wp), parameter :: least_vibration = 1.0e-9_wp !! smallest amplitude of a vibration, of the deflection [-]
-  real(wp), parameter :: part_period = 1.1_wp        !! error of a frequency taken from a part of a period [-]
+  real(wp), parameter :: least_vibration = 1.0e-9_wp !! amplitude of a vibration, of the deflection; below it is rounding [-]
+  real(wp), parameter :: part_period = 1/(1 - 1/(4*pi))   !! mean squares over a period and a part of the next one err by this [-]
 
   !> Figures of every body: its largest deflection [m], section rotation [rad] and spin [rad/s], the sums of squared elastic
   !> rates and accelerations, whose ratio is the squared frequency of the elastic motion, and the largest angle of a core [rad].
@@ -96,15 +95,14 @@ contains
     end do
   end function largest_slip
 
-  !> One sentence for each limit that a body passed; thick beams that bend, unless `thick_beams` has named all.
-  function warnings(self, m, ev, stage, thick_named) result(text)
+  !> One sentence for each limit that a body passed.
+  function warnings(self, m, ev, stage) result(text)
     class(validity_watch), intent(in) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
-    logical, intent(in) :: thick_named
     character(:), allocatable :: text
-    real(wp) :: first, highest, bent, moving
+    real(wp) :: first, highest, moving
     integer :: b
     text = ''
     do b = 1, size(m%s%bodies)
@@ -112,19 +110,14 @@ contains
         if (.not. body%flexible) cycle
         if (f(deflection) > large_deflection*body%length) call say(body, 'deflects by', f(deflection)/body%length*100, &
           '% of its length: beyond about 10 % the linear floating frame no longer holds (more bodies, each with its own frame)')
-        if (f(rotation) > large_rotation) call say(body, 'turns a section by', f(rotation), &
+        if (f(rotation) > large_angle) call say(body, 'turns a section by', f(rotation), &
                                             'rad in its frame: beyond about 0.2 rad the linear floating frame no longer holds')
-        if (f(slip) > large_shear) call say(body, 'shears a core by', f(slip), 'rad: beyond about 0.2 rad no core is '// &
+        if (f(slip) > large_angle) call say(body, 'shears a core by', f(slip), 'rad: beyond about 0.2 rad no core is '// &
                                             'linear')
         if (.not. body%stiffening .and. f(spin) > 0.0_wp) then
           first = lowest_frequency(body)
           if (f(spin) > fast_spin*first) call say(body, 'spins at', f(spin)/first, 'of its lowest bending frequency without '// &
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
-        end if
-        bent = max(f(deflection), f(rotation)*body%length)
-        if (bent > 1.0e-13_wp*body%length .and. .not. thick_named) then
-          text = text//thickness(body, stage)
-          if (allocated(body%layers)) text = text//thick_layers(body, stage, frequency_in_use(body))
         end if
         highest = part_period*body%basis%top_frequency
         if (ev%t*highest >= 2*pi) then       ! before one period a motion that starts from rest looks too fast
@@ -160,33 +153,30 @@ contains
     end associate
   end function elastic_frequency
 
-  !> Warnings of all beams that are not slender, and of cores that are stiff: modes and responses bend them all.
-  function thick_beams(m) result(text)
+  !> Warnings of beams that are not slender, and of layers for which their theory does not hold, in motions up to a frequency.
+  function limits_of_beams(m, fastest) result(text)
     type(mechanism_model), intent(in) :: m
-    character(:), allocatable :: text
-    integer :: b
-    text = ''
-    do b = 1, size(m%s%bodies)
-      if (m%s%bodies(b)%flexible) text = text//thickness(m%s%bodies(b), '')
-    end do
-  end function thick_beams
-
-  !> The same of a body; empty where there are none.
-  function thickness(body, stage) result(text)
-    type(body_model), intent(in) :: body
-    character(*), intent(in) :: stage               !! as in `warnings`
+    real(wp), intent(in) :: fastest                  !! of modes and responses [rad/s]
     character(:), allocatable :: text
     real(wp) :: shear                                ! [-]
     logical :: reduced                               ! to modes
-    text = stiff_core(body, stage)
-    if (allocated(body%layers)) return               ! see `layer_limits`
-    shear = shear_correction(body)
-    if (.not. shear > slender) return
-    reduced = body%basis%reduced_from > 0
-    text = body_sentence(body, stage, 'is so short and thick that shear and rotary inertia, which sections without '// &
-                         'shear=.true. lack, would lower its '//either('highest kept', 'lowest', reduced .and. body%nf > 1)// &
-                         ' frequency by', 100*shear, '%'//either('', ', and higher ones by more', reduced))
-  end function thickness
+    integer :: b
+    text = ''
+    do b = 1, size(m%s%bodies)
+      associate (body => m%s%bodies(b))
+        if (.not. body%flexible) cycle
+        if (allocated(body%layers)) then
+          text = text//stiff_core(body)//thick_layers(body, max(fastest, frequency_in_use(body)))
+          cycle
+        end if
+        shear = shear_correction(body)
+        reduced = body%basis%reduced_from > 0
+        if (shear > slender) text = text//body_sentence(body, '', 'is so short and thick that shear and rotary inertia, which '// &
+          'sections without shear=.true. lack, would lower its '//either('highest kept', 'lowest', reduced .and. body%nf > 1)// &
+          ' frequency by', 100*shear, '%'//either('', ', and higher ones by more', reduced))
+      end associate
+    end do
+  end function limits_of_beams
 
   !> Adds the body's lowest mode to its elastic coordinates, as large as the linear frame holds.
   subroutine bend_to_limit(b, q)
@@ -200,7 +190,7 @@ contains
     most = 0.0_wp
     do k = 1, b%nn
       u = b%displacement(k, x)
-      most = max(most, hypot(u(1), u(2))/(large_deflection*b%length), abs(u(3))/large_rotation)
+      most = max(most, hypot(u(1), u(2))/(large_deflection*b%length), abs(u(3))/large_angle)
     end do
     if (most > 0.0_wp) q = q + x/most
   end subroutine bend_to_limit

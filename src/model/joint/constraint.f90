@@ -82,7 +82,6 @@ module constraint
     procedure, non_overridable :: prescribed
     procedure :: breakpoints => drive_breakpoints !! times at which accelerations are not smooth, with the order of their jump
     procedure :: fault
-    procedure :: release_angle
     procedure :: holds => always          !! whether the row of an element that switches holds in a state
     procedure :: relation => as_it_is     !! how it holds in a state, at a limit: as `friction_law` has states of rows
     procedure :: state_of => as_it_is     !! the state by that
@@ -288,14 +287,6 @@ contains
     list = self%target%breakpoints(until)
     list%order = max(0, list%order - merge(1, 2, self%rate))
   end function drive_breakpoints
-
-  !> Drops the row that keeps a relative angle, says whether there was one: a weld becomes a pin, a prismatic joint a slider.
-  subroutine release_angle(self, released)
-    class(constraint_model), intent(inout) :: self
-    logical, intent(out) :: released
-    released = self%rows > 1 .and. self%measures(self%rows)%item%angular
-    if (released) self%rows = self%rows - 1
-  end subroutine release_angle
 
   !> Most rows hold always.
   pure logical function always(self, state) result(yes)
