@@ -14,7 +14,7 @@ module assembly_conflict
   use position_closing, only: closed_gap
   use scene_model, only: scene
   use text, only: either, exact_text, to_text
-  use trial_scene, only: assemble_scene
+  use trial_scene, only: assemble_scene, rigid_copy
   implicit none (type, external)
   private
   public :: explain_open_joints, deck_line_of
@@ -106,7 +106,6 @@ contains
   logical function leaves_no_motion(d, culprit) result(yes)
     type(deck), intent(in) :: d
     integer, intent(in) :: culprit
-    type(deck) :: rigid
     type(fault_list) :: faults
     type(scene) :: all
     type(mechanism_model) :: m, without
@@ -115,9 +114,7 @@ contains
     real(wp), allocatable :: q(:)
     logical, allocatable :: weak(:)
     integer :: k
-    rigid = d
-    rigid%bodies%flexible = .false.
-    call build(rigid, all, faults)
+    call build(rigid_copy(d), all, faults)
     yes = .false.
     if (faults%count > 0) return
     call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], m, ev, q, report)

@@ -12,7 +12,7 @@ module clearance_start
   use mechanism, only: mechanism_model
   use scene_model, only: scene
   use text, only: either, to_text
-  use trial_scene, only: assemble_scene
+  use trial_scene, only: assemble_scene, rigid_copy
   implicit none (type, external)
   private
   public :: start_through_clearances
@@ -108,11 +108,9 @@ contains
     type(failure) :: fail
     integer :: k, n
     n = size(d%joints)
-    rigid = d
-    rigid%bodies%flexible = .false.
-    rigid%periodic%present = .false.
+    rigid = rigid_copy(d)
     allocate (joints(n + size(pins)))
-    joints(:n) = d%joints
+    joints(:n) = rigid%joints
     do k = 1, size(pins)
       pin%name = d%stops(pins(k))%name
       pin%type = 'revolute'
@@ -121,12 +119,6 @@ contains
       pin%as_assembled = .not. centred(k)
       joints(n + k) = pin
     end do
-    joints%friction = 0.0_wp
-    joints%friction_static = 0.0_wp
-    joints%preload = 0.0_wp
-    joints%preload_static = 0.0_wp
-    deallocate (rigid%joints, rigid%stops, rigid%forces, rigid%springs, rigid%controllers, rigid%sensors)
-    allocate (rigid%stops(0), rigid%forces(0), rigid%springs(0), rigid%controllers(0), rigid%sensors(0))
     call move_alloc(joints, rigid%joints)
     allocate (outside(size(pins)), source=.false.)
     call build(rigid, s, faults)

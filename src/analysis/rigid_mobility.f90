@@ -10,7 +10,7 @@ module rigid_mobility
   use mechanism, only: mechanism_model
   use scene_model, only: scene
   use summary_text, only: summary_record
-  use trial_scene, only: assemble_scene
+  use trial_scene, only: assemble_scene, rigid_copy
   use text, only: either
   implicit none (type, external)
   private
@@ -46,8 +46,7 @@ contains
     type(scene) :: s
     type(fault_list) :: faults
     type(failure) :: fail
-    other = d
-    other%bodies%flexible = .false.
+    other = rigid_copy(d)
     if (.not. drives) deallocate (other%drives)
     if (.not. drives) allocate (other%drives(0))
     call build(other, s, faults)

@@ -3,6 +3,7 @@ module trial_scene
   use kinds, only: wp
   use assembly, only: assemble
   use assembly_reports, only: assembly_report
+  use deck_records, only: deck
   use errors, only: failure
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -10,9 +11,24 @@ module trial_scene
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: assemble_scene
+  public :: assemble_scene, rigid_copy
 
 contains
+
+  !> A deck's rigid bodies with their joints and drives, and nothing else.
+  pure function rigid_copy(d) result(rigid)
+    type(deck), intent(in) :: d
+    type(deck) :: rigid
+    rigid = d
+    rigid%bodies%flexible = .false.
+    rigid%periodic%present = .false.
+    rigid%joints%friction = 0.0_wp
+    rigid%joints%friction_static = 0.0_wp
+    rigid%joints%preload = 0.0_wp
+    rigid%joints%preload_static = 0.0_wp
+    deallocate (rigid%stops, rigid%forces, rigid%springs, rigid%controllers, rigid%sensors)
+    allocate (rigid%stops(0), rigid%forces(0), rigid%springs(0), rigid%controllers(0), rigid%sensors(0))
+  end function rigid_copy
 
   !> Sets up the mechanism of a scene and assembles it.
   subroutine assemble_scene(s, m, ev, q, report, fail, v)
