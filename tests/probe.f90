@@ -17,8 +17,7 @@ program probe
   use linear_matrices, only: linear_mechanism
   use linear_state, only: linear_system
   use linearisation, only: linearise
-  use mode_list, only: mode_set, undamped_mode
-  use pole_check, only: check_undamped, say_what_is_missing
+  use mode_list, only: check_undamped, say_what_is_missing, mode_set, undamped_mode
   use radau_stepper, only: radau_march
   use time_stepper, only: stepper
   use triplets, only: triplet_matrix

@@ -11,10 +11,9 @@ program tangent
   use error_groups, only: group_unknowns
   use errors, only: failure, fault_list
   use friction_law, only: row_slips, row_stuck
-  use generalized_alpha, only: chung_hulbert
   use alpha_newton, only: solve_trial, take_trial, find_offsets
   use alpha_stepper, only: start_method
-  use alpha_state, only: alpha_solver, set_up_alpha
+  use alpha_state, only: alpha_solver, chung_hulbert, set_up_alpha
   use scene_run, only: run_state, prepare_run
   use step_control, only: error_norm
   implicit none (type, external)

@@ -9,8 +9,7 @@ module modal_analysis
   use linear_state, only: linear_system, refuse_uneven, warn_of_motion
   use mode_file, only: write_modes, mode_figures
   use material_band, only: outside_band
-  use mode_list, only: mode_set, vibration_mode
-  use pole_check, only: say_what_is_missing
+  use mode_list, only: say_what_is_missing, mode_set, vibration_mode
   use posix, only: remove_file
   use scene_run, only: run_state, no_output, stop_if_signalled
   use summary_text, only: summary_record

@@ -2,18 +2,16 @@
 !> and drives released, for the whole run of linear bodies. Current bound: the constrained mechanism as it stands.
 module step_advice
   use kinds, only: wp
-  use bound_causes, only: bound_cause
   use controller, only: free
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use safe_bound, only: find_safe_bound
+  use safe_bound, only: find_safe_bound, turning_stiffness
   use scene_run, only: run_state
   use spectrum, only: fast_spectrum
-  use spring_directions, only: turning_stiffness
   use tableaux, only: method_names
   use text, only: either
-  use step_bounds, only: step_bound, find_bound, take_smaller
+  use step_bounds, only: bound_cause, step_bound, find_bound, take_smaller
   use step_monitor, only: method_number
   use summary_text, only: summary_record
   use validity, only: bend_to_limit

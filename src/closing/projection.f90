@@ -14,8 +14,8 @@ module projection
   public :: project, violations
 
   integer, parameter :: most_passes = 30             !! corrections before giving up
-  real(wp), parameter :: position_goal = 2.0e-15_wp  !! |Phi| wanted, relative to the scene's size [-]
-  real(wp), parameter :: rate_goal = 4.0e-15_wp      !! |Phi'| wanted, relative to the fastest marker [-]
+  real(wp), parameter :: position_goal = 10*epsilon(1.0_wp)   !! |Phi| wanted, relative to the scene's size [-]
+  real(wp), parameter :: rate_goal = 20*epsilon(1.0_wp)       !! |Phi'| wanted, relative to the fastest marker [-]
   real(wp), parameter, public :: closed = 1.0e-12_wp   !! |Phi| of a closed mechanism, relative to the scene's size [-]
   real(wp), parameter :: angle_rounding = 16*epsilon(1.0_wp)   !! likewise, for each radian of a body's angle [-]
   real(wp), parameter :: nearly = 1.0e-4_wp          !! |Phi| from which weak pivots are tried at a nearly singular position [-]

@@ -6,9 +6,9 @@ module complex_modes
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
   use gyroscopic_modes, only: mass_operator, add_motion, lowest_motions, rigid_motions_first
-  use mode_list, only: mode_set, residual_of, undamped_mode, vibration_mode, further_mode, real_pole, same_pole
+  use mode_list, only: check_undamped, check_whole, describe_searched, mode_set, residual_of, undamped_mode, vibration_mode, &
+                       further_mode, real_pole, same_pole
   use natural_modes, only: lowest_natural_modes, rounding_level
-  use pole_check, only: check_undamped, check_whole, describe_searched
   use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, pole_change
   use posix, only: caught_signal
   use sorting, only: ascending
@@ -328,7 +328,7 @@ contains
       pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
       residual = residual_of(ds, lambda, pole%x, 1.0_wp)
     else if (.not. s%complete) then
-      mass = abs(dot_product(pole%x, momentum(ds, pole%x)))
+      mass = abs(dot_product(pole%x, ds%momentum(pole%x)))
       if (sum([(abs(dot_product(s%momenta(:, k), pole%x))**2, k=1, size(s%span, 2))]) <= least_share*mass) return
       if (.not. converged) modes%not_converged = modes%not_converged + 1
       if (.not. converged .or. abs(pole%lambda)**2 <= rounding_level(ds, abs(pole%x)/sqrt(mass))) return   ! or a rigid motion
@@ -388,18 +388,9 @@ contains
     end do
     s%momenta = s%momenta(:, 1:size(s%span, 2))
     do j = 1, size(s%span, 2)
-      s%momenta(:, j) = momentum(ds, matmul(s%model%basis, s%span(:, j)))
+      s%momenta(:, j) = ds%momentum(matmul(s%model%basis, s%span(:, j)))
     end do
   end subroutine span_modes
-
-  !> M x.
-  function momentum(ds, x) result(mx)
-    type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: x(:)                    !! (n) [m, rad]
-    complex(wp) :: mx(size(x)), y(ds%n + ds%rows)      !! [kg m, kg m2]
-    y = ds%times(cmplx(ds%m, 0.0_wp, wp), ds%padded(x))
-    mx = y(1:ds%n)
-  end function momentum
 
   !> The mode that has the largest part in a shape, by modal masses.
   pure integer function nearest_mode(shape, shapes) result(best)

@@ -6,7 +6,7 @@ module gyroscopic_modes
   use block_lanczos, only: inertia_operator, orthonormalise
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgesdd, dgeqp3, dorgqr
-  use natural_modes, only: rounding_level, stiffness_scales, without_rounding
+  use natural_modes, only: constrained_operator, rounding_level, stiffness_scales, without_rounding
   implicit none (type, external)
   private
   public :: mass_operator, add_motion, lowest_motions, rigid_motions_first
@@ -15,12 +15,10 @@ module gyroscopic_modes
   real(wp), parameter :: new = 1.0e-6_wp           !! size of what a motion adds to a basis, over its own [-]
   real(wp), parameter :: no_stiffness = 1.0e-9_wp  !! singular value of K below which a motion is rigid, K scaled to 1 [-]
 
-  !> The mass of one vector, or of positions and rates side by side.
-  type, extends(inertia_operator) :: mass_operator
-    type(stiffness_system), pointer :: ds => null()
+  !> Positions and rates side by side.
+  type, extends(constrained_operator) :: mass_operator
   contains
     procedure :: solve
-    procedure :: mass_times
   end type mass_operator
 
 contains
@@ -85,17 +83,6 @@ contains
       x = real(u(1:ds%n), wp)
     end associate
   end subroutine solve
-
-  !> M x, of positions and rates in turn.
-  pure function mass_times(self, x) result(y)
-    class(mass_operator), intent(in) :: self
-    real(wp), intent(in) :: x(:)                       !! (n) or (2n) [m, rad]
-    real(wp) :: y(size(x))                             !! [kg m, kg m2]
-    integer :: i
-    do i = 0, size(x) - self%ds%n, self%ds%n
-      y(i + 1:i + self%ds%n) = self%ds%real_times(self%ds%m, x(i + 1:i + self%ds%n))
-    end do
-  end function mass_times
 
   !> The basis turned so that the rigid motions come first.
   subroutine rigid_motions_first(ds, x, rotated, rigid, ok)

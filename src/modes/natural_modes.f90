@@ -9,11 +9,12 @@ module natural_modes
   use posix, only: caught_signal
   implicit none (type, external)
   private
-  public :: small_shift, lowest_natural_modes, rounding_level, without_rounding, stiffness_scales, highest_ratio
+  public :: small_shift, constrained_operator, lowest_natural_modes, rounding_level, without_rounding, stiffness_scales
+  public :: highest_ratio
 
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
   integer, parameter :: most_passes = 80, most_rounds = 6
-  real(wp), parameter :: small_shift = 1.0e-8_wp   !! first shift over the largest ratio of stiffness and mass [-]
+  real(wp), parameter :: small_shift = sqrt(epsilon(1.0_wp))   !! first shift over the largest ratio of stiffness and mass [-]
   real(wp), parameter :: mixing = 1.0e3_wp*epsilon(1.0_wp)  !! part of any motion that rounding mixes into another [-]
   real(wp), parameter :: converged_change = 1.0e-13_wp !! relative change of omega^2 [-]
   real(wp), parameter :: rounding_change = 1.0e-10_wp !! change that is rounding where it shrinks no more [-]
@@ -120,12 +121,15 @@ contains
     y = real(z(1:size(y)), wp)
   end subroutine solve
 
-  !> M x.
+  !> M x, of positions and rates in turn.
   pure function mass_times(self, x) result(y)
     class(constrained_operator), intent(in) :: self
-    real(wp), intent(in) :: x(:)              !! (n) [m, rad]
+    real(wp), intent(in) :: x(:)              !! (n) or (2n) [m, rad]
     real(wp) :: y(size(x))                    !! [kg m, kg m2]
-    y = self%ds%real_times(self%ds%m, x)
+    integer :: i
+    do i = 0, size(x) - self%ds%n, self%ds%n
+      y(i + 1:i + self%ds%n) = self%ds%real_times(self%ds%m, x(i + 1:i + self%ds%n))
+    end do
   end function mass_times
 
   !> A shift below the lowest squared frequency that is more than rounding.

@@ -1,7 +1,7 @@
 !> One pole of the linearised mechanism with its right and left vectors, T(lambda) x = 0, y^T T(lambda) = 0, by two-sided
 !> Rayleigh iteration (Schreiber 2008): x <- T^-1 T' x, y <- T^-T T'^T y, lambda the root of y^T T(lambda) x. It converges
 !> cubically, and the root is of second order in the errors of x and y: what rounding leaves in the factor of a nearly
-!> singular T does not reach lambda. The iteration ends where T is singular to the last bit.
+!> singular T does not reach lambda.
 module pole_iteration
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
@@ -10,7 +10,7 @@ module pole_iteration
   public :: pole_state, start_pole, refine_pole, follow_damping, double_root, pole_change
 
   integer, parameter :: most_passes = 30           ! a double root is approached by halves
-  real(wp), parameter :: pole_change = 1.0e-8_wp       !! relative change that ends the iteration: the next one is its cube [-]
+  real(wp), parameter :: pole_change = sqrt(epsilon(1.0_wp))   !! change that ends the iteration: the next one is its cube [-]
   real(wp), parameter :: smallest_step = 1.0e-4_wp     !! of the growing damping [-]
 
   !> A pole.
@@ -44,26 +44,13 @@ contains
   pure subroutine find_forms(ds, pole)
     type(stiffness_system), intent(in) :: ds
     type(pole_state), intent(inout) :: pole
-    complex(wp) :: x(ds%n + ds%rows), y(ds%n + ds%rows), m, gyro, c
-    integer :: j, e, r
+    complex(wp), dimension(ds%n + ds%rows) :: x, y
+    integer :: r
     x = ds%padded(pole%x)
     y = ds%padded(pole%y)
-    pole%m = 0.0_wp
-    pole%gyro = 0.0_wp
-    pole%c = 0.0_wp
-    do j = 1, ds%n
-      m = 0.0_wp
-      gyro = 0.0_wp
-      c = 0.0_wp
-      do e = ds%first(j), ds%first(j + 1) - 1
-        m = m + ds%m(e)*y(ds%row(e))
-        gyro = gyro + ds%gyro(e)*y(ds%row(e))
-        c = c + (ds%c(e) - ds%gyro(e))*y(ds%row(e))
-      end do
-      pole%m = pole%m + m*x(j)
-      pole%gyro = pole%gyro + gyro*x(j)
-      pole%c = pole%c + c*x(j)
-    end do
+    pole%m = sum(y*ds%times(cmplx(ds%m, 0.0_wp, wp), x))
+    pole%gyro = sum(y*ds%times(cmplx(ds%gyro, 0.0_wp, wp), x))
+    pole%c = sum(y*ds%times(cmplx(ds%c - ds%gyro, 0.0_wp, wp), x))
     pole%k = sum(y*ds%stiffness_product(x, 0))
     pole%part = [(sum(y*ds%stiffness_product(x, r)), r=1, size(ds%groups))]
   end subroutine find_forms
@@ -105,13 +92,9 @@ contains
       before = pole%lambda
       call ds%set(pole%lambda, damping)
       call ds%factor()
-      call iterate(ds, pole%x, .false., tolerance, ok)
-      if (ok .and. ds%symmetric) pole%y = pole%x
-      if (ok .and. .not. ds%symmetric) call iterate(ds, pole%y, .true., tolerance, ok)
-      if (.not. ok) then                               ! singular to the last bit: try a little beside the pole
-        pole%lambda = before*(1.0_wp + 1.0e-10_wp)
-        cycle
-      end if
+      call iterate(ds, pole%x, .false., tolerance)
+      if (ds%symmetric) pole%y = pole%x
+      if (.not. ds%symmetric) call iterate(ds, pole%y, .true., tolerance)
       call find_forms(ds, pole)
       call functional_root(ds, damping, pole, ok)
       if (.not. ok) return
@@ -124,12 +107,11 @@ contains
   end subroutine refine_pole
 
   !> x <- T^-1 T' x, or with the transposed matrices; to the last digits only where a pole is wanted to more than half of them.
-  subroutine iterate(ds, x, transposed, tolerance, ok)
+  subroutine iterate(ds, x, transposed, tolerance)
     type(stiffness_system), intent(inout) :: ds
     complex(wp), intent(inout) :: x(:)                 !! (n) [-]
     logical, intent(in) :: transposed
     real(wp), intent(in) :: tolerance                  !! of the pole [-]
-    logical, intent(out) :: ok
     complex(wp) :: u(ds%n + ds%rows)
     if (transposed) then
       u = ds%times(ds%slope(ds%mirror), ds%padded(x))
@@ -141,8 +123,7 @@ contains
     else
       call ds%solve(u, transposed)
     end if
-    ok = maxval(abs(u)) <= huge(1.0_wp) .and. any(abs(u(1:ds%n)) > 0.0_wp)
-    if (ok) x = u(1:ds%n)/maxval(abs(u(1:ds%n)))
+    x = u(1:ds%n)/maxval(abs(u(1:ds%n)))
   end subroutine iterate
 
   !> The root of y^T T(lambda) x near lambda, by Newton's method.
@@ -171,16 +152,7 @@ contains
   pure complex(wp) function slope_form(ds, y, x) result(form)
     type(stiffness_system), intent(in) :: ds
     complex(wp), intent(in) :: y(:), x(:)              !! (n) [-]
-    complex(wp) :: ya
-    integer :: j, e
-    form = 0.0_wp
-    do j = 1, ds%n
-      ya = 0.0_wp
-      do e = ds%first(j), ds%first(j + 1) - 1
-        if (ds%row(e) <= ds%n) ya = ya + y(ds%row(e))*ds%slope(e)
-      end do
-      form = form + ya*x(j)
-    end do
+    form = sum(ds%padded(y)*ds%times(ds%slope, ds%padded(x)))
   end function slope_form
 
   !> Whether a pole is a double root with one vector: y^T T' x vanishes. Rounding spreads the two in any estimate.

@@ -37,7 +37,7 @@ module spectrum
     real(wp), allocatable :: spring_damping(:)   !! (force elements) [N s/m] or [N m s/rad]
     logical :: damped = .false.                !! by springs or by Rayleigh damping of bodies
     logical :: loops = .false.                 !! there are forces that follow the motion of others
-    real(wp), allocatable :: ends(:, :)        !! (2, force elements) factors (`spring_directions`), < 0: present direction [-]
+    real(wp), allocatable :: ends(:, :)        !! (2, force elements) factors (`safe_bound`), < 0: present direction [-]
     real(wp), allocatable :: turning(:)        !! (bodies) stiffness against turns by springs' forces, bound only [N m/rad]
     type(triplet_matrix) :: stiffness          !! of the bodies, instantaneous
     real(wp), allocatable :: v(:, :), w(:, :)  !! (n, most) Lanczos vectors and their products with the mass [kg^-.5, kg^.5]

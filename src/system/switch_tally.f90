@@ -1,9 +1,11 @@
 !> Figures of the summary about elements that switch: their events by the state after them, first and last, and of contacts the
 !> largest force and penetration and the fewest steps. Between the ends of a step the penetration follows the cubic with the values
-!> and rates at both ends.
+!> and rates at both ends. Of the friction of a joint: how often it sticks and slips, how far it slides, how long it is at rest, how
+!> near it comes to its limit there.
 module switch_tally
   use kinds, only: wp, ip
   use force_element, only: conditions
+  use friction_law, only: row_parted, sliding
   use stops, only: share_of_contact, share_of_flight, stop_model
   implicit none (type, external)
   private
@@ -37,6 +39,23 @@ module switch_tally
     procedure :: note_step
     procedure :: graded
   end type element_tally
+
+  !> Of one joint. The checkpoint keeps its words.
+  type, public :: joint_tally
+    integer(ip) :: sticks = 0                 !! events: it came to rest
+    integer(ip) :: slips = 0                  !! it broke away
+    integer(ip) :: turns = 0                  !! it went on the other way
+    real(wp) :: slid = 0.0_wp                 !! to and fro until the last step [m] or [rad]
+    real(wp) :: position = 0.0_wp             !! where it was then [m] or [rad]
+    real(wp) :: rest = 0.0_wp                 !! time at rest [s]
+    real(wp) :: share = 0.0_wp                !! largest one of the limit at rest [-]
+    logical :: undetermined = .false.         !! its present share is not determined by rigid bodies
+    real(wp) :: unknown = 0.0_wp              !! how long that was so [s]
+  contains
+    procedure :: note_event => note_friction
+    procedure :: note_rest
+  end type joint_tally
+
 
 contains
 
@@ -172,4 +191,28 @@ contains
     bend = 2*x(i) - x(i - 1) - x(i + 1)
     if (bend > 0.0_wp) peak = x(i) + (x(i + 1) - x(i - 1))**2/(8*bend)
   end function peak
+
+  !> Counts an event.
+  pure subroutine note_friction(self, before, after)
+    class(joint_tally), intent(inout) :: self
+    integer, intent(in) :: before, after      !! states of the row
+    if (sliding(before) == sliding(after) .or. any([before, after] == row_parted)) return   ! another pad, or none, presses
+    if (sliding(after) == 0) then
+      self%sticks = self%sticks + 1
+    else if (sliding(before) == 0) then
+      self%slips = self%slips + 1
+    else
+      self%turns = self%turns + 1
+    end if
+  end subroutine note_friction
+
+  !> An accepted step at rest.
+  pure subroutine note_rest(self, h, share)
+    class(joint_tally), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: share             !! of the limit [-]
+    self%rest = self%rest + h
+    self%share = max(self%share, share)
+    if (self%undetermined) self%unknown = self%unknown + h
+  end subroutine note_rest
 end module switch_tally

@@ -9,14 +9,13 @@ module mechanism_events
   use force_element, only: by_position, inactive, most_roots
   use friction_law, only: row_at_limit, row_parted, row_slips, row_stuck, sliding
   use friction_shares, only: find_undetermined
-  use friction_tally, only: joint_tally
   use impacts, only: impact_result, pass_impacts
   use mechanism_rates, only: moving_mechanism
   use projection, only: project
   use resting_rows, only: close_low, comes_to_rest, find_states, hold_resting, resting_set
   use slipping, only: painleve_ratio
   use stops, only: stop_model, stop_rebound
-  use switch_tally, only: element_tally
+  use switch_tally, only: joint_tally, element_tally
   use switching, only: event_list, is_rigid_stop, pass_events, start_states, sunken_stop, switch_event, watch_roots
   implicit none (type, external)
   private

@@ -16,11 +16,11 @@ module mechanism_ode
   use complex_newton_condensation, only: condense_complex => condense
   use newton_correction, only: take_residual, correction, row_correction
   use complex_newton_correction, only: take_complex => take_residual, correct_complex => correction
-  use newton_equations, only: prepare, set_terms, use_given_terms, residual, gather_residual, renew
+  use newton_equations, only: prepare, set_terms, use_given_terms, residual, gather_residual, renew, factor_stages, &
+                              complex_tangents
   use newton_results, only: term_deformations, relaxation_rates, find_powers, mass_product, rounding_scale_of
   use newton_start, only: smooth_accelerations, row_gaps, row_correction_by_mass
   use newton_system, only: newton_matrix, set_up_newton
-  use stage_equations, only: factor_stages, complex_tangents
   use switched_rows, only: slip_gaps
   implicit none (type, external)
   private

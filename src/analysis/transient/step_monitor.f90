@@ -3,7 +3,6 @@
 !> Their Rayleigh quotients give eigenvalues. At the start the true bound is known; its ratio to the estimate is used later, too.
 module step_monitor
   use kinds, only: wp, ip
-  use bound_causes, only: bound_cause, mode_cause
   use controller, only: free
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
@@ -12,7 +11,7 @@ module step_monitor
   use tableaux, only: method_names
   use modal_eigenvalues, only: added_stiffness, pair_of, refine_root
   use stability_region, only: largest_step
-  use step_bounds, only: step_bound, find_bound, add_mode_bound, step_of
+  use step_bounds, only: bound_cause, mode_cause, step_bound, find_bound, add_mode_bound, step_of
   implicit none (type, external)
   private
   public :: stability_monitor, method_number

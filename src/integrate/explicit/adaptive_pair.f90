@@ -22,7 +22,6 @@ module adaptive_pair
   real(wp), parameter :: run_tolerances = 300.0_wp   !! sum of all estimates of values and rates in a run, in tolerances [-]
   real(wp), parameter :: slope_tolerances = 200.0_wp !! the same for derivatives, times omega T [-]
   real(wp), parameter :: least_share = 1.0e-3_wp   !! of the tolerance that a step must keep, however long the run is [-]
-  real(wp), parameter :: least_error = 1.0e-30_wp  !! of the scales: a smaller error has no direction to follow [-]
   real(wp), parameter :: quotient_step = 1.0e-7_wp   !! error whose difference quotient is taken, of the scales [-]
   real(wp), parameter :: least_step = 1.0e-13_wp   !! of the run's length: with shorter steps a run would not end [-]
   integer(ip), parameter :: noise_interval = 100     !! steps after which the rounding of derivatives is measured again
@@ -236,7 +235,7 @@ contains
     self%moved = epsilon(1.0_wp)*abs(self%trial)
     if (present(rounding)) self%moved = max(abs(rounding), self%moved)
     err = self%norm%measure(self%error, self%trial, h, allowed, self%moved)
-    if (err > 1.0_wp .or. .not. err*allowed > least_error .or. .not. self%norm%fastest > 0.0_wp) return
+    if (err > 1.0_wp .or. .not. err*allowed > tiny(1.0_wp) .or. .not. self%norm%fastest > 0.0_wp) return
     s = quotient_step/(err*allowed)
     do k = 1, size(self%y)
       self%moved(k) = self%trial(k) + s*self%error(k)

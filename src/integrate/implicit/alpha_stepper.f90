@@ -4,8 +4,7 @@ module alpha_stepper
   use kinds, only: wp
   use archive, only: value_archive
   use alpha_newton, only: solve_trial, take_trial, prepare_step, find_offsets, find_offset
-  use alpha_state, only: alpha_solver, set_up_alpha, pack, exchange_alpha
-  use generalized_alpha, only: chung_hulbert, step_coefficients
+  use alpha_state, only: alpha_solver, set_up_alpha, pack, exchange_alpha, chung_hulbert, step_coefficients
   use implicit_march, only: implicit_stepper, exchange_march, start_again
   use second_order_system, only: near_length, second_order_ode
   use step_control, only: same_length

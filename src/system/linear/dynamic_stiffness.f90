@@ -50,6 +50,7 @@ module dynamic_stiffness
     procedure :: solve
     procedure :: padded
     procedure :: times
+    procedure :: momentum
     procedure :: real_times
     procedure :: balance
     procedure :: stiffness_times
@@ -243,17 +244,9 @@ contains
     complex(wp), intent(in) :: x(:)            !! (n+rows) [m, rad; N]
     logical, intent(in) :: transposed
     complex(wp) :: y(size(x)), g
-    integer :: r, j, e
-    if (transposed) then
-      do j = 1, size(x)
-        y(j) = 0.0_wp
-        do e = self%first(j), self%first(j + 1) - 1
-          y(j) = y(j) + self%inertia(e)*x(self%row(e))
-        end do
-      end do
-    else
-      y = self%times(self%inertia, x)
-    end if
+    integer :: r
+    if (transposed) y = self%times(self%inertia(self%mirror), x)
+    if (.not. transposed) y = self%times(self%inertia, x)
     if (self%symmetrised) then
       call add_stiffness(self, .false., (0.5_wp, 0.0_wp), x, y)
       call add_stiffness(self, .true., (0.5_wp, 0.0_wp), x, y)
@@ -306,6 +299,15 @@ contains
       end do
     end do
   end function times
+
+  !> M x.
+  pure function momentum(self, x) result(mx)
+    class(stiffness_system), intent(in) :: self
+    complex(wp), intent(in) :: x(:)            !! (n) [m, rad]
+    complex(wp) :: mx(size(x)), y(self%n + self%rows)   !! [kg m, kg m2]
+    y = self%times(cmplx(self%m, 0.0_wp, wp), self%padded(x))
+    mx = y(1:self%n)
+  end function momentum
 
   !> A x for real entries given on the pattern, mechanical unknowns only.
   pure function real_times(self, values, x) result(y)

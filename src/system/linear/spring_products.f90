@@ -13,7 +13,7 @@ module spring_products
 
 contains
 
-  !> Square of a spring's change of deformation; with factors for its ends (`spring_directions`) the bound of it that holds for
+  !> Square of a spring's change of deformation; with factors for its ends (`safe_bound`) the bound of it that holds for
   !> all directions.
   pure real(wp) function spring_square(m, ev, k, ends, x) result(square)
     type(mechanism_model), intent(in) :: m
