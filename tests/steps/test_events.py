@@ -178,6 +178,7 @@ def test_events_without_end_are_told_with_names(run_deck):
     run = run_deck(deck + "&transient t_end=1000 method='dopri5' tolerance=1e-6 output_step=1 /\n", expect=1)
     assert "events follow one another without end at t = " in run.stderr
     assert 's, in "tight": more than 1000 in a millionth of the run' in run.stderr
+    assert "an explicit step be too large" in run.stderr
     deck = """&body name='b' mass=1.0 inertia=1.0 position=0.1,0 /
 &joint name='rail' type='prismatic' body_a='b' friction=0 preload=1e-6 /
 &spring name='stiff' body_a='b' stiffness=1e14 damping=0 free_length=0 /

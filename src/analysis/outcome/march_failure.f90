@@ -81,8 +81,9 @@ contains
       else
         text = 'events follow one another without end'//at//', in'//last_elements(run, march%roots%fallen)//': more than 1000 '// &
                'in a millionth of the run. Limits may exclude one another, a drive press against one that yields too little, '// &
-               'or a history of kind=''switch'' drive its column back to its level: check limits and stiffnesses; in place of '// &
-               'a switch take friction of a joint, or a table that rises steeply'
+               'an explicit step be too large (biela --check tells), or a history of kind=''switch'' drive its column back to '// &
+               'its level: check limits, stiffnesses and steps; in place of a switch take friction of a joint, or a table '// &
+               'that rises steeply'
       end if
     case default      ! trouble_size
       text = 'the solution diverged at t = '//number(march%tried)//' s'//growing// &
@@ -210,6 +211,7 @@ contains
     allocate (names(size(named)))
     do k = 1, size(named)
       names(k) = element_name(run%sys%m, k)
+      named(k) = named(k) .and. .not. any(named(:k - 1) .and. names(:k - 1) == names(k))   ! a stop and its friction have one
     end do
     names = pack(names, named)
     text = in_quotes(names(:min(most_named, size(names))))//either(' and others', '', size(names) > most_named)
