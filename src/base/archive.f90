@@ -1,10 +1,9 @@
 !> Values that a checkpoint keeps. The same procedure `exchange` saves and restores them, in the same order, so that the two
-!> cannot disagree. Numbers keep their bits. Also the project's 64-bit digest.
+!> cannot disagree. Numbers keep their bits.
 module archive
-  use kinds, only: wp, ip, low
+  use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: digest, text_words
 
   !> A sequence of 64-bit words.
   type, public :: value_archive
@@ -157,36 +156,4 @@ contains
       call exchange_word(self, x(k))
     end do
   end subroutine exchange_words
-
-  !> A number that changes with every bit of the words: two 32-bit multiplicative hashes side by side, no overflow.
-  pure integer(ip) function digest(words) result(hash)
-    integer(ip), intent(in) :: words(:)
-    integer(ip) :: a, b, x
-    integer :: k, half
-    a = 2166136261_ip
-    b = 374761393_ip
-    do k = 1, size(words)
-      do half = 0, 1
-        x = iand(shiftr(words(k), 32*half), low)
-        a = iand(ieor(a, x)*16777619_ip, low)
-        b = iand(ieor(b, x), low)
-        b = iand(ieor(b, shiftr(b, 15))*1540483477_ip, low)
-        b = ieor(b, shiftr(b, 13))
-      end do
-    end do
-    hash = ieor(shiftl(b, 32), ieor(a, shiftr(a, 16)))
-  end function digest
-
-  !> Text as words: its length, then its characters, eight a word.
-  pure function text_words(text) result(words)
-    character(*), intent(in) :: text
-    integer(ip), allocatable :: words(:)
-    integer :: k, w
-    allocate (words(1 + (len(text) + 7)/8), source=0_ip)
-    words(1) = len(text)
-    do k = 1, len(text)
-      w = 2 + (k - 1)/8
-      words(w) = ior(shiftl(words(w), 8), int(iachar(text(k:k)), ip))
-    end do
-  end function text_words
 end module archive

@@ -10,9 +10,8 @@ module decimal
 
   integer, parameter :: number_width = 25                    !! characters of a number: a blank, the sign, 23 more
   integer, parameter :: wide = selected_int_kind(38)         !! integers of 128 bits
-  integer, parameter :: first = -325, last = 341             !! powers of ten that doubles need
-  integer, parameter :: largest_exact = 22                   !! powers of ten from 0 to it are doubles
-  integer(int64), parameter :: ten4 = 10_int64**4, ten8 = 10_int64**8, ten16 = 10_int64**16, ten17 = 10_int64**17
+  integer, parameter :: first = -308, last = 324             !! powers of ten that doubles need
+  integer(int64), parameter :: ten4 = 10_int64**4, ten8 = 10_int64**8, ten17 = 10_int64**17
   integer(int64), parameter :: per_ten4 = 109951163_int64    !! 2^40/10^4, rounded up: in its place for up to eight digits
   integer(int64), parameter :: per_ten8 = 1441151881_int64   !! 2^57/10^8, rounded up: for nine digits
   integer(int64), parameter :: implicit_bit = 2_int64**52    !! of a double's mantissa
@@ -24,7 +23,6 @@ module decimal
     logical :: filled = .false.
     integer(int64) :: high(first:last) = 0, low(first:last) = 0
     integer(int64) :: shift(first:last) = 0
-    integer(int64) :: least(first:last) = 0                  !! bits of the smallest double that is not below 10^p
     character(8) :: exponent(first:last) = ''                !! p as it is written, right-adjusted
     character(4) :: four(0:9999) = ''
   end type power_table
@@ -50,7 +48,7 @@ contains
     if (bits < 0) text(2:2) = '-'
   end subroutine write_number
 
-  !> Numbers that the table does not decide, zeros, infinities and what is no number.
+  !> Numbers that the table does not decide, zeros, subnormal ones, infinities and what is no number.
   subroutine write_by_format(x, text)
     real(wp), intent(in) :: x   !! [any]
     character(number_width), intent(out) :: text
@@ -63,39 +61,33 @@ contains
   end subroutine write_by_format
 
   !> A number = digits 10^(e-16), rounded to nearest, with 10^16 <= digits < 10^17; known is false where the table is too coarse,
-  !> and where it is zero or none.
+  !> and where it is zero, subnormal or none.
   pure subroutine round_to_digits(bits, digits, e, known)
     integer(int64), intent(in) :: bits                       !! of the number without its sign
     integer(int64), intent(out) :: digits, e
     logical, intent(out) :: known
     integer(int64), parameter :: doubt = 2_int64**17         ! 105 of 126 bits are good
     integer(int64), parameter :: log10_2 = 1292913986        ! log10(2) 2^32
-    integer(int64) :: m, q, p, rest
+    integer(int64) :: m, q, p, rest, shifted
     integer(wide) :: top
     q = shiftr(bits, 52)
-    m = iand(bits, implicit_bit - 1)
-    if (iand(q + 1, 2047_int64) <= 1) then                   ! zero, subnormal; or 2047: infinite or no number
-      known = .false.
-      digits = 0
-      e = 0
-      if (m == 0 .or. q > 0) return
-      q = 12 - leadz(m)
-      m = shiftl(m, 1 - q)
-    else
-      m = m + implicit_bit
-    end if                                                   ! the number = m 2^(q-1075), 2^52 <= m < 2^53
-    e = shifta(q*log10_2 - 1023*log10_2, 32)                 ! largest e with 10^e <= 2^(q-1023)
-    if (bits >= table%least(e + 1)) e = e + 1
-    p = 16 - e
-    m = shiftl(m, iand(q + table%shift(p), 63_int64))        ! from 1 to 11 places; iand spares a test for more than 63
-    top = int(m, wide)*int(table%high(p), wide) + shifta(int(m, wide)*int(table%low(p), wide), 64)
-    digits = int(shifta(top, 64), int64)                     ! the number 10^p = top 2^-64
-    rest = int(top - digits*word - word/2, int64)            ! (fraction - 1/2) 2^64
-    known = rest > doubt .or. rest < -doubt                  ! abs(-2^63) is no number of 64 bits
-    if (rest > 0) digits = digits + 1
-    if (digits < ten17) return
-    digits = ten16                                           ! rounded up to the next power of ten
-    e = e + 1
+    digits = 0
+    e = 0
+    known = q > 0 .and. q < 2047
+    if (.not. known) return
+    m = iand(bits, implicit_bit - 1) + implicit_bit          ! the number = m 2^(q-1075), 2^52 <= m < 2^53
+    e = shifta((shiftr(bits, 32) - 1023*2_int64**20)*log10_2, 52)   ! of a chord of the logarithm: seldom 1 too small
+    do
+      p = 16 - e
+      shifted = shiftl(m, iand(q + table%shift(p), 63_int64))   ! from 1 to 11 places; iand spares a test for more than 63
+      top = int(shifted, wide)*int(table%high(p), wide) + shifta(int(shifted, wide)*int(table%low(p), wide), 64)
+      digits = int(shifta(top, 64), int64)                   ! the number 10^p = top 2^-64
+      rest = int(top - digits*word - word/2, int64)          ! (fraction - 1/2) 2^64
+      if (rest > 0) digits = digits + 1
+      known = rest > doubt .or. rest < -doubt                ! abs(-2^63) is no number of 64 bits
+      if (digits < ten17 .or. .not. known) exit
+      e = e + 1                                              ! the number is not below 10^(e+1), or is rounded up to that
+    end do
   end subroutine round_to_digits
 
   !> Lays out the digits: d.ddddddddddddddddE+eee.
@@ -166,18 +158,11 @@ contains
   subroutine store_power(p, bits, shift)
     integer, intent(in) :: p, shift
     integer(wide), intent(in) :: bits
-    integer(int64) :: mantissa
-    integer :: q
     character(8) :: number
     call put_eight(int(abs(p), int64), number)
     table%exponent(p) = '   '//merge('E-', 'E+', p < 0)//number(6:)
     table%high(p) = int(shiftr(bits + word/2, 64), int64)
     table%low(p) = int(bits - table%high(p)*word, int64)
     table%shift(p) = shift - 947
-    mantissa = int(shiftr(bits, 73), int64)                  ! 10^p = mantissa 2^(q-1075), cut
-    q = shift + 1148
-    table%least(p) = huge(mantissa)
-    if (q > 2046) return
-    table%least(p) = max(q - 1, 0)*implicit_bit + shiftr(mantissa, max(1 - q, 0)) + merge(0, 1, p >= 0 .and. p <= largest_exact)
   end subroutine store_power
 end module decimal

@@ -7,7 +7,7 @@ module posix
   implicit none (type, external)
   private
   public :: make_folder, lock_file, close_lock, replace_file, remove_file, remove_scratch, create_file, extend_file, cut_file
-  public :: write_bytes, close_file, file_size, open_to_read, size_of, read_bytes, nameless_file, read_back, sync_file, sync_folder
+  public :: write_bytes, close_file, file_size, open_to_read, size_of, read_bytes, nameless_file, read_back, sync_file
   public :: is_terminal, tell, reason, host_name, current_folder
   public :: begin_process, end_process, caught_signal, hold_signals, start_child, wait_for_child, exit_at_once
 
@@ -101,16 +101,11 @@ module posix
     integer(c_int) function nameless_file() bind(c, name='biela_nameless_file')
       import :: c_int
     end function nameless_file
-    !> Waits until what was written to an open file is on the disk.
+    !> Waits until what was written to an open file, or the names in an open folder, are on the disk.
     logical(c_bool) function sync_file(handle) bind(c, name='biela_sync_file')
       import :: c_bool, c_int
       integer(c_int), value :: handle
     end function sync_file
-    !> Waits until the names in a folder are on the disk.
-    logical(c_bool) function sync_folder(path) bind(c, name='biela_sync_folder')
-      import :: c_bool, c_char
-      character(*, c_char), intent(in) :: path
-    end function sync_folder
     !> Whether a handle is a terminal.
     logical(c_bool) function is_terminal(handle) bind(c, name='biela_is_terminal')
       import :: c_bool, c_int

@@ -2,7 +2,7 @@
 !> part of UTF-8 counts as a letter of Latin-1. Control characters, which could steer a terminal or break a line, become `?`.
 module readable_text
   use growing_text, only: text_buffer
-  use text, only: hexadecimal
+  use text, only: lower
   implicit none (type, external)
   private
   public :: readable, one_line, printable, json_text
@@ -68,6 +68,7 @@ contains
     character(*), intent(in) :: s
     character(:), allocatable :: text
     type(text_buffer) :: json
+    character(4) :: digits
     integer :: k, n, code
     call json%add('"')
     k = 1
@@ -78,7 +79,8 @@ contains
       else if (code == 34 .or. code == 92) then
         call json%add('\'//achar(code))
       else if (is_control(code) .or. (n == 1 .and. code >= 128)) then
-        call json%add('\u'//hexadecimal(code))     ! no control character needs more digits
+        write (digits, '(z4.4)') code              ! no control character needs more
+        call json%add('\u'//lower(digits))
       else
         call json%add(s(k:k + n - 1))
       end if

@@ -192,14 +192,6 @@ bool biela_sync_file(int handle)
   return !fsync(handle);
 }
 
-bool biela_sync_folder(text path)
-{
-  int handle = biela_open_to_read(path, 0);
-  bool done = handle >= 0 && !fsync(handle);
-  dropped(handle);
-  return done;
-}
-
 bool biela_is_terminal(int handle)
 {
   return isatty(handle);

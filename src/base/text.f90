@@ -4,7 +4,7 @@ module text
   implicit none (type, external)
   private
   character(*), parameter, public :: digits = '0123456789', letters = 'abcdefghijklmnopqrstuvwxyz'
-  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, hexadecimal, joined, listed, in_quotes, either, quoted, &
+  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, joined, listed, in_quotes, either, quoted, &
     nearest_word, meant_word, word_hash
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
@@ -231,14 +231,6 @@ contains
     end do
     hash = int(h)
   end function word_hash
-
-  !> Four hexadecimal digits.
-  pure function hexadecimal(n) result(t)
-    integer, intent(in) :: n   !! 0 to 65535
-    character(4) :: t
-    write (t, '(z4.4)') n
-    t = lower(t)
-  end function hexadecimal
 
   !> The first text where something is true, else the second.
   pure function either(first, second, true) result(t)

@@ -1,13 +1,14 @@
 !> Checksum of a text that is written piece by piece; how it is cut into pieces does not matter. Fletcher's two sums, modulo
-!> 2^32 - 1, over the halves of words of 64 bits, each mixed of 32 letters: half an instruction a letter.
+!> a prime, over the halves of words of 64 bits, each mixed of 32 letters: half an instruction a letter.
 module text_checksum
-  use archive, only: digest, text_words
   use kinds, only: ip, low
   implicit none (type, external)
   private
+  public :: digest
 
   integer, parameter :: letters = 32             !! of a word
   integer, parameter :: block = 8192             !! words between two reductions: the sums stay below 2^62
+  integer(ip), parameter :: prime = 2_ip**32 + 15   !! no half is zero modulo it but 0
 
   !> The sums so far.
   type, public :: running_checksum
@@ -58,13 +59,26 @@ contains
         a = a + shiftr(word, 32)
         b = b + a
       end do
-      sums = mod([a, b], low)
+      sums = mod([a, b], prime)
     end do
   end subroutine add_words
 
   !> A number that tells the text from another one.
   pure integer(ip) function value(self)
     class(running_checksum), intent(in) :: self
-    value = digest([self%length, self%sums, text_words(self%rest(1:mod(self%length, int(letters, ip))))])
+    character(letters) :: rest
+    integer(ip) :: sums(2)
+    rest = self%rest(1:mod(self%length, int(letters, ip)))
+    sums = self%sums
+    call add_words(1, rest, sums)
+    value = ieor(ieor(ishftc(sums(2), 32), sums(1)), ishftc(self%length, 48))
   end function value
+
+  !> That of a text.
+  pure integer(ip) function digest(text)
+    character(*), intent(in) :: text
+    type(running_checksum) :: sum
+    call sum%add(text)
+    digest = sum%value()
+  end function digest
 end module text_checksum

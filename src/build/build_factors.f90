@@ -33,19 +33,10 @@ module build_factors
     integer, allocatable :: histories(:)           !! (watches) each one's history
     type(column_record), allocatable :: columns(:) !! (watches) what it watches
   contains
-    procedure :: begin
     procedure :: find
   end type factor_list
 
 contains
-
-  !> No factor yet, in a scene with so many loads.
-  subroutine begin(self, loads, s)
-    class(factor_list), intent(inout) :: self
-    integer, intent(in) :: loads
-    type(scene), intent(inout) :: s
-    allocate (self%histories(0), self%columns(0), s%factors(loads))
-  end subroutine begin
 
   !> The parts of what scales a load, the whole first.
   function parts_of(d, record, column) result(list)

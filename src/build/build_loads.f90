@@ -36,8 +36,7 @@ contains
     s%springs = size(d%springs)
     loads = s%springs + size(d%forces)
     s%acting = loads + size(d%stops)
-    allocate (s%forces(s%acting))
-    call list%begin(size(d%forces), s)
+    allocate (s%forces(s%acting), s%factors(size(d%forces)), list%histories(0), list%columns(0))
     do k = 1, s%acting
       if (k <= s%springs) then
         call make_spring(d, d%springs(k), item, faults)

@@ -13,6 +13,7 @@ module build_profiles
   use measure, only: measure_model
   use profile, only: circle_model, profile_model
   use sequence_history, only: sequence_model
+  use sorting, only: ascending
   use table_history, only: table_model
   use table_slopes, only: ends_free, ends_periodic, spline_slopes
   use text, only: either, quoted, to_text
@@ -92,6 +93,7 @@ contains
     class(law_model), allocatable :: law
     class(history_model), allocatable :: once         ! over one turn
     type(circle_model), allocatable :: circle
+    real(wp), allocatable :: marks(:)                 ! [rad]
     integer :: k, before
     before = faults%count
     select case (r%kind)
@@ -120,23 +122,14 @@ contains
       call by_turns(once, merge(2, 3, d%transient%adaptive .or. d%transient%method == 'generalized_alpha'), law%law)
       if (faults%count == before) then
         call law%cut([(2*pi*k/arcs, k=0, arcs)])
-        call law%set_marks(ascending([(2*pi*k/arcs, k=0, arcs)], modulo(law%sense*law%law%breaks%time, 2*pi)))
+        marks = [[(2*pi*k/arcs, k=0, arcs)], modulo(law%sense*law%law%breaks%time, 2*pi)]
+        marks = marks(ascending(marks))
+        call law%set_marks(pack(marks, [.true., marks(2:) > marks(:size(marks) - 1)]))
       end if
       call move_alloc(law, item)
     end select
     item%name = r%name
   end subroutine make_profile
-
-  !> Ascending numbers, and others between them.
-  pure function ascending(u, others) result(list)
-    real(wp), intent(in) :: u(:), others(:)           !! [rad]
-    real(wp), allocatable :: list(:)                  ! [rad]
-    integer :: k
-    list = u
-    do k = 1, size(others)
-      list = [pack(list, list < others(k)), others(k), pack(list, list > others(k))]
-    end do
-  end function ascending
 
   !> A law that goes on for ever, with its corners. With fixed steps of a higher order those of the third derivative count as well;
   !> else they are left to an error that is controlled, as those between the points of a table, which are too many for events.

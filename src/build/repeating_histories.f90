@@ -73,8 +73,12 @@ contains
     real(wp), allocatable :: times(:)              ! [s]
     real(wp), dimension(-1:2) :: now, later, first, after   ! [unit s, unit, unit/s, unit/s2]
     real(wp) :: largest, allowed                   ! [unit]
+    character(:), allocatable :: own               ! its period
     integer :: k, i
     call make_history(d, number, h)
+    own = ''
+    if (h%period > 0.0_wp) own = '; it repeats in '//to_text(h%period)//' s'
+    if (d%histories(number)%frequency > 0.0_wp) own = '; it repeats in '//to_text(1/d%histories(number)%frequency)//' s'
     associate (period => d%periodic%period, sought => d%periodic%free_period)
       breaks = h%breakpoints(period)
       times = [[(period*(k - 0.5_wp)/points, k=1, points)], breaks%time + rounding_of(period)]
@@ -99,22 +103,9 @@ contains
         if (abs(later(0) - now(0) - merge(after(0) - first(0), 0.0_wp, goes_on)) <= allowed) cycle
         call at%blame(faults, 'history "'//trim(h%name)//'" does not repeat in the period of the cycle, '//to_text(period)// &
                       ' s: it is '//es_text(now(0), 4)//' at t = '//es_text(times(k), 4)//' s and '// &
-                      es_text(later(0), 4)//' a period later'//own_period(d, number)//', expected a history that repeats')
+                      es_text(later(0), 4)//' a period later'//own//', expected a history that repeats')
         return
       end do
     end associate
   end subroutine one_history
-
-  !> The period that a history has.
-  function own_period(d, number) result(words)
-    type(deck), intent(in) :: d
-    integer, intent(in) :: number                  !! of its record
-    character(:), allocatable :: words
-    words = ''
-    associate (r => d%histories(number))
-      if (r%kind == 'sine' .and. r%frequency > 0.0_wp) words = '; it repeats in '//to_text(1/r%frequency)//' s'
-      if (r%periodic .and. r%kind == 'sequence') words = '; it repeats in '//to_text(sum(r%durations))//' s'
-      if (r%periodic .and. r%kind == 'table') words = '; it repeats in '//to_text(r%time(size(r%time)) - r%time(1))//' s'
-    end associate
-  end function own_period
 end module repeating_histories

@@ -308,18 +308,25 @@ def test_a_deck_without_transient_cannot_restart(biela, tmp_path):
 
 
 LOW = 0xFFFFFFFF
+PRIME = 2**32 + 15
+
+
+def turned(word, n):
+    """Return a word of 64 bits turned to the left."""
+    return (word << n | word >> 64 - n) & 0xFFFFFFFFFFFFFFFF
 
 
 def digest(words):
-    """Return the checksum of a checkpoint's words, two halves of 32 bits each."""
-    a, b = 2166136261, 374761393
-    for word in words:
-        for x in (word & LOW, word >> 32):
-            a = (a ^ x) * 16777619 & LOW
-            b = b ^ x
-            b = (b ^ b >> 15) * 1540483477 & LOW
-            b ^= b >> 13
-    return b << 32 ^ a ^ a >> 16
+    """Return the checksum of a checkpoint's words: Fletcher's sums over the halves of words mixed of four."""
+    a, b, length = 0, 0, 8 * len(words)
+    words = list(words) + [0x2020202020202020] * (4 - len(words) % 4)  # blanks behind the last ones, or alone
+    for at in range(0, len(words), 4):
+        word = words[at] ^ turned(words[at + 1], 13) ^ turned(words[at + 2], 27) ^ turned(words[at + 3], 43)
+        a += word & LOW
+        b += a
+        a += word >> 32
+        b += a
+    return turned(b % PRIME, 32) ^ a % PRIME ^ turned(length, 48)
 
 
 def test_checkpoints_of_other_builds_are_refused(interrupted):

@@ -3,11 +3,12 @@
 !> and renamed when it and the results that it refers to are on the disk. So at any moment there is a complete one or none.
 module checkpoint
   use kinds, only: ip
-  use archive, only: value_archive, digest, text_words
+  use archive, only: value_archive
   use errors, only: failure, status_bad_input
-  use posix, only: close_file, create_file, file_size, remove_file, remove_scratch, replace_file, sync_file, &
-    sync_folder, write_bytes
+  use posix, only: close_file, create_file, file_size, open_to_read, remove_file, remove_scratch, replace_file, sync_file, &
+    write_bytes
   use summary, only: version
+  use text_checksum, only: digest
   use, intrinsic :: iso_fortran_env, only: compiler_version, compiler_options
   implicit none (type, external)
   private
@@ -28,25 +29,36 @@ contains
     logical, intent(out) :: ok
     integer(ip), allocatable :: words(:)
     integer :: handle
+    logical :: closed
     allocate (words(a%count + frame))
-    words(1:4) = [mark, program_digest(), digest(text_words(deck_text//settings)), a%count]
+    words(1:4) = [mark, program_digest(), digest(deck_text//settings), a%count]
     words(5:4 + a%count) = a%words(1:a%count)
-    words(size(words)) = digest(words(1:size(words) - 1))
+    words(size(words)) = digest(bytes_of(words(1:size(words) - 1)))
     handle = create_file(folder//name//'.new')
     ok = handle >= 0
     if (.not. ok) return
-    ok = write_bytes(handle, transfer(words, repeat(' ', 8*size(words))))
+    ok = write_bytes(handle, bytes_of(words))
     if (ok) ok = sync_file(handle)
     ok = close_file(handle) .and. ok
     if (ok) ok = replace_file(folder//name//'.new', folder//name)
-    if (ok) ok = sync_folder(folder)
+    handle = open_to_read(folder, wait=0)     ! its names are on the disk
+    if (ok) ok = handle >= 0
+    if (ok) ok = sync_file(handle)
+    if (handle >= 0) closed = close_file(handle)
     if (.not. ok) call remove_scratch(folder//name//'.new')
   end subroutine write_checkpoint
+
+  !> Words as their bytes.
+  pure function bytes_of(words) result(bytes)
+    integer(ip), intent(in) :: words(:)
+    character(8*size(words)) :: bytes
+    bytes = transfer(words, bytes)
+  end function bytes_of
 
   !> Digest of the program: a checkpoint of another version or build could not be continued bit for bit.
   function program_digest() result(hash)
     integer(ip) :: hash
-    hash = digest(text_words(version//layout//' '//compiler_version()//' '//compiler_options()))
+    hash = digest(version//layout//' '//compiler_version()//' '//compiler_options())
   end function program_digest
 
   !> Reads a checkpoint into an archive; refuses one that is missing, damaged, of another program or another deck.
@@ -86,11 +98,11 @@ contains
       call refuse('is not a checkpoint of biela, or its beginning is damaged')
     else if (.not. allocated(words)) then
       call refuse('is damaged: its length does not fit')
-    else if (words(size(words)) /= digest(words(1:size(words) - 1))) then
+    else if (words(size(words)) /= digest(bytes_of(words(1:size(words) - 1)))) then
       call refuse('is damaged: its checksum does not fit')
     else if (words(2) /= program_digest()) then
       call refuse('was written by another version or build of biela')
-    else if (words(3) /= digest(text_words(deck_text//settings))) then
+    else if (words(3) /= digest(deck_text//settings)) then
       call refuse('belongs to another deck or other values of --set, or the deck has been changed since')
     else
       call a%begin_restoring(words(5:4 + head(4)))

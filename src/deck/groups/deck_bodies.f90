@@ -12,6 +12,8 @@ module deck_bodies
   public :: read_body
 
   character(*), parameter :: elastic = 'beam frame'   !! kinds with nodes and elements
+  character(*), parameter :: uncored = ' has no effect on sections without cores, expected sections with layers and cores'
+
 contains
 
   !> &body. `known`: its kind and its number of nodes could be read.
@@ -89,18 +91,15 @@ contains
       end do
       if (.not. any(layered)) then
         if (.not. deck%is_given('element_material')) call deck%need('material')
-        call need_cores(.false.)
+        call deck%refuse('slip_held', uncored)
         return
       end if
       if (.not. all(layered)) call deck%complain('element_section', 'sections with layers beside sections without, expected '// &
         'layers in all sections of the body')
-      if (deck%is_given('material')) call deck%complain('material', 'material has no effect where sections have layers, '// &
-        'expected it not to be given')
-      if (deck%is_given('element_material')) call deck%complain('element_material', 'element_material has no effect where '// &
-        'sections have layers, expected it not to be given')
+      call deck%refuse('material element_material', ' has no effect where sections have layers, expected it not to be given')
       if (.not. deck%is_clean()) return
       if (any([(size(sections(b%element_section(e))%thickness) == 0, e=1, size(layered))])) return
-      call need_cores(any([(size(sections(b%element_section(e))%cores) > 0, e=1, size(layered))]))
+      if (.not. any([(size(sections(b%element_section(e))%cores) > 0, e=1, size(layered))])) call deck%refuse('slip_held', uncored)
       first = b%element_section(1)
       do e = 1, size(layered)
         associate (s => sections(b%element_section(e)), one => sections(first))
@@ -117,17 +116,10 @@ contains
       where (b%slip_held == -1) b%slip_held = b%nodes
     end subroutine check_layers
 
-    !> Nodes at which nothing slips are those of cores.
-    subroutine need_cores(there)
-      logical, intent(in) :: there         !! the body has cores
-      if (deck%is_set('slip_held') .and. .not. there) call deck%complain('slip_held', 'slip_held has no effect on sections '// &
-        'without cores, expected sections with layers and cores')
-    end subroutine need_cores
-
     !> What of a beam or frame is modelled.
     subroutine check_switches()
-      if (deck%is_set('modulus_at') .and. b%viscoelastic) call deck%complain('modulus_at', 'modulus_at is the frequency of '// &
-        'the modulus that an elastic body keeps in place of its GHM terms, expected it with viscoelastic=.false.')
+      if (b%viscoelastic) call deck%refuse('modulus_at', ' is the frequency of the modulus that an elastic body keeps in place '// &
+        'of its GHM terms, expected it with viscoelastic=.false.')
       if (b%static_shapes .and. .not. reduced() .and. deck%is_known('modes')) call deck%complain('static_shapes', &
         'static_shapes=.true. with nodal coordinates (modes=0), which contain every shape, expected modes > 0')
       if (deck%is_choice('frame') .and. .not. b%axial) call deck%complain('axial', 'axial=.false. does not apply to '// &

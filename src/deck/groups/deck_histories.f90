@@ -1,10 +1,10 @@
 !> Reader of &history.
 module deck_histories
   use kinds, only: wp, ip
-  use archive, only: digest, text_words
   use readable_text, only: printable
   use whole_file, only: read_file
   use text, only: to_text, quoted
+  use text_checksum, only: digest
   use deck_input, only: deck_source
   use deck_get, only: same_length
   use deck_numbers, only: decades
@@ -118,7 +118,7 @@ contains
     else if (len(problem) > 0) then
       problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
     else
-      found = digest(text_words(content))
+      found = digest(content)
       call read_columns(content, columns, x, y, problem)
       if (len(problem) > 0) problem = ' '//problem
     end if

@@ -15,6 +15,7 @@ module deck_joints
   public :: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
 
   real(wp), parameter :: least_restitution = 0.05_wp   !! of a stop with stiffness: the damping grows without limit below [-]
+  character(*), parameter :: pin = 'pin_radius > 0 (m), the arm of the friction of '
 
 contains
 
@@ -40,8 +41,9 @@ contains
     j%has_length = deck%is_set('length')
     if (deck%is_set('ratio') .and. .not. abs(j%ratio) > 0.0_wp) call deck%complain('ratio', 'ratio=0 holds section a and '// &
       'moves nothing, expected turns of a for one of b, not 0')
-    call check_limits(deck, j)
-    call check_friction(deck, j%friction, j%friction_static, 'a revolute joint')
+    call check_sticking(deck, 'preload', j%preload, j%preload_static)
+    call check_sticking(deck, 'friction', j%friction, j%friction_static)
+    if (max(j%friction, j%friction_static) > 0.0_wp) call deck%need('pin_radius', pin//'a revolute joint')
     call check_follower(deck, d, j%profile, j%radius)
     call forbid_rigid_pair(deck, d, j%a, j%b, 'a', 'b')
     if (.not. deck%is_choice('gear')) return
@@ -49,25 +51,15 @@ contains
     call forbid_rigid_pair(deck, d, j%b, j%c, 'b', 'c')
   end subroutine read_joint
 
-  !> Coefficients of dry friction; a pin gives it an arm.
-  subroutine check_friction(deck, slips, sticks, pin)
+  !> What sticks holds at least as much as what slips.
+  subroutine check_sticking(deck, name, slips, sticks)
     class(deck_source), intent(inout) :: deck
-    real(wp), intent(in) :: slips, sticks         !! friction, friction_static [-]
-    character(*), intent(in) :: pin               !! what has a pin
-    if (deck%is_set('friction_static') .and. sticks < slips) call deck%complain('friction_static', &
-      'friction_static='//to_text(sticks)//' is below friction='//to_text(slips)//', expected not less: '// &
-      'surfaces that stick hold at least as much as surfaces that slip')
-    if (max(slips, sticks) > 0.0_wp) call deck%need('pin_radius', 'pin_radius > 0 (m), the arm of the friction of '//pin)
-  end subroutine check_friction
-
-  !> What the limit of a &joint is without reaction.
-  subroutine check_limits(deck, j)
-    class(deck_source), intent(inout) :: deck
-    type(joint_record), intent(in) :: j
-    if (deck%is_set('preload_static') .and. j%preload_static < j%preload) call deck%complain('preload_static', &
-      'preload_static='//to_text(j%preload_static)//' is below preload='//to_text(j%preload)//', expected not less: '// &
-      'surfaces that stick hold at least as much as surfaces that slip')
-  end subroutine check_limits
+    character(*), intent(in) :: name              !! `friction` or `preload`
+    real(wp), intent(in) :: slips, sticks         !! it, and that of what sticks [-], [N] or [N m]
+    if (deck%is_set(name//'_static') .and. sticks < slips) call deck%complain(name//'_static', name//'_static='// &
+      to_text(sticks)//' is below '//name//'='//to_text(slips)//', expected not less: surfaces that stick hold at least as '// &
+      'much as surfaces that slip')
+  end subroutine check_sticking
 
   !> &drive
   subroutine read_drive(deck, d, r)
@@ -134,7 +126,8 @@ contains
     end if
     if (s%rigid .and. max(s%friction, s%friction_static) > 0.0_wp) call deck%complain('friction', &
       'friction beside a rigid stop is not there, as impacts with friction have no one law; expected stiffness > 0 beside it')
-    call check_friction(deck, s%friction, s%friction_static, 'a pin in its hole')
+    call check_sticking(deck, 'friction', s%friction, s%friction_static)
+    if (max(s%friction, s%friction_static) > 0.0_wp) call deck%need('pin_radius', pin//'a pin in its hole')
     call check_follower(deck, d, s%profile, s%radius)
     if (s%profile > 0) s%lower = 0.0_wp
     if (.not. deck%is_given('lower')) call deck%need('upper', 'lower, upper or both')

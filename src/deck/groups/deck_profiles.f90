@@ -45,29 +45,21 @@ contains
   subroutine check_law(deck, r)
     class(deck_source), intent(inout) :: deck
     type(profile_record), intent(in) :: r
-    character(11) :: forbidden(3)
-    integer :: k
     if (r%follower == 'flat') then
-      forbidden = [character(11) :: 'radius', 'offset', 'arm']
+      call deck%refuse('radius offset arm', ' does not apply to follower=''flat'', expected it without')
       call deck%need('base_radius')
     else if (deck%is_given('arm') .or. deck%is_given('pivot')) then
-      forbidden = [character(11) :: 'base_radius', 'offset', '']
+      call deck%refuse('base_radius offset', ' does not apply to a roller on an arm, expected it without')
       call deck%need('arm')
       call deck%need('pivot')
       call deck%need('radius')
     else
-      forbidden = ''
       call deck%need('base_radius')
       call deck%need('radius')
       if (deck%is_clean() .and. .not. abs(r%offset) < r%base_radius + r%radius) call deck%complain('offset', 'offset='// &
         to_text(r%offset)//' is beyond the roller''s path, expected less than base_radius + radius, '// &
         to_text(r%base_radius + r%radius))
     end if
-    do k = 1, size(forbidden)
-      if (forbidden(k) == '') cycle
-      if (deck%is_given(trim(forbidden(k)))) call deck%complain(trim(forbidden(k)), trim(forbidden(k))//' does not apply to '// &
-        either('follower=''flat''', 'a roller on an arm', r%follower == 'flat')//', expected it without')
-    end do
   end subroutine check_law
 
   !> The follower of a joint or stop: a roller or a face, which the profile has to suit.

@@ -27,26 +27,16 @@ contains
     if (cycle%one_period) t%t_end = cycle%period
     if (.not. cycle%present) call deck%need('t_end')
     if (searched .and. .not. deck%is_given('accuracy')) t%accuracy = default_accuracy
-    if (searched) then
-      call check_search()
+    if (searched) then                   ! the accuracy chooses the steps
+      t%adaptive = .true.
+      call deck%refuse('step tolerance first_step max_step spectral_radius accept_unstable check_error', &
+                       ' does not apply to accuracy, which chooses the steps and checks them, expected one of the two')
     else
       call check_step_kind()
     end if
     call check_steps()
     call check_stabilization()
   contains
-    !> What would fix the steps is refused beside an accuracy, which chooses them.
-    subroutine check_search()
-      character(15), parameter :: fixed(7) = [character(15) :: 'step', 'tolerance', 'first_step', 'max_step', 'spectral_radius', &
-        'accept_unstable', 'check_error']
-      integer :: k
-      t%adaptive = .true.
-      do k = 1, size(fixed)
-        if (deck%is_set(trim(fixed(k)))) call deck%complain(trim(fixed(k)), trim(fixed(k))//' does not apply to accuracy, '// &
-          'which chooses the steps and checks them, expected one of the two')
-      end do
-    end subroutine check_search
-
     !> A fixed step or a tolerance, not both.
     subroutine check_step_kind()
       t%adaptive = deck%is_given('tolerance') .and. deck%is_choice('dopri5 radau')
@@ -60,18 +50,10 @@ contains
           call deck%need('step', 'step > 0 (fixed steps), tolerance > 0 (adaptive steps) or accuracy > 0')
         end if
       else if (.not. t%adaptive) then
-        call needs_tolerance('first_step')
-        call needs_tolerance('max_step')
+        call deck%refuse('first_step max_step', ' does not apply to fixed steps, expected it with tolerance only')
       end if
-      if (deck%is_set('most_seconds')) call deck%complain('most_seconds', 'most_seconds ends the search of an accuracy, '// &
-        'expected it with accuracy only')
+      call deck%refuse('most_seconds', ' ends the search of an accuracy, expected it with accuracy only')
     end subroutine check_step_kind
-
-    !> Reports a variable that only adaptive steps use.
-    subroutine needs_tolerance(name)
-      character(*), intent(in) :: name   !! `first_step` or `max_step`
-      if (deck%is_set(name)) call deck%complain(name, name//' does not apply to fixed steps, expected it with tolerance only')
-    end subroutine needs_tolerance
 
     !> Steps and times that fit together; the default interval of output.
     subroutine check_steps()

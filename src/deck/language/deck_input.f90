@@ -5,7 +5,7 @@ module deck_input
   use readable_text, only: printable
   use text, only: joined, lower, meant_word, nearest_word, quoted, to_text
   use deck_cursor, only: group_cursor
-  use deck_key, only: expectation, kinds_text, longest_word, word_number
+  use deck_key, only: expectation, kinds_text, longest_word, split, word_number
   use deck_keys, only: first_key, group_kinds, keys, last_key
   use deck_names, only: name_table, not_there
   use deck_syntax, only: bad_value, taken, unknown, usable
@@ -49,6 +49,7 @@ module deck_input
     procedure :: need
     procedure :: for_choice
     procedure :: forbid_both
+    procedure :: refuse
     procedure :: check_order
   end type deck_source
 
@@ -337,6 +338,19 @@ contains
     if (self%is_given(first) .and. self%is_given(second)) call self%complain(second, first//' and '//second// &
       ' are both given, expected one of them'//hint)
   end subroutine forbid_both
+
+  !> Reports each of some variables that is given.
+  subroutine refuse(self, names, message)
+    class(deck_source), intent(inout) :: self
+    character(*), intent(in) :: names     !! blanks between them
+    character(*), intent(in) :: message   !! what is wrong, what was expected; the name stands before it
+    integer :: k
+    associate (list => split(names))
+      do k = 1, size(list)
+        if (self%is_set(list(k))) call self%complain(trim(list(k)), trim(list(k))//message)
+      end do
+    end associate
+  end subroutine refuse
 
   !> Reports two numbers that do not ascend.
   subroutine check_order(self, lower, x, upper, y)

@@ -1,9 +1,8 @@
-!> Layers of beams: the largest stress of one in an element, of a core the largest shear stress; what a layer stores and loses; the
-!> shear angles of cores at a node.
+!> Layers of beams: the largest stress of one in an element, of a core the largest shear stress; the shear angles of cores at
+!> a node.
 module layer_sensors
   use kinds, only: wp
   use body, only: body_model
-  use body_energy, only: layer_energy
   use section_sensors, only: present_rows, row_amplitudes
   use sensor, only: harmonic_motion, observation, sensor_model
   implicit none (type, external)
@@ -18,13 +17,6 @@ module layer_sensors
     procedure :: read => read_layer
     procedure :: respond => layer_amplitude
   end type layer_sensor_model
-
-  !> What a layer of a body stores, its viscoelastic terms included, and what those have dissipated.
-  type, extends(sensor_model), public :: layer_energy_model
-    integer :: layer = 0
-  contains
-    procedure :: read => read_energy
-  end type layer_energy_model
 
   !> Shear angles of the body's cores at a node; 0 where no element beside it has the core.
   type, extends(sensor_model), public :: slip_sensor_model
@@ -82,20 +74,6 @@ contains
       end associate
     end associate
   end function stresses
-
-  !> Of the state; the losses are those of the summary.
-  subroutine read_energy(self, at, x)
-    class(layer_energy_model), intent(in) :: self
-    type(observation), intent(in) :: at
-    real(wp), intent(inout) :: x(:)           !! [J], [J]
-    integer :: n
-    associate (s => at%m%s, b => self%marker%body)
-      n = s%ny - size(s%integrated) - size(s%losses)
-      x(1) = layer_energy(s%bodies(b), self%layer, at%ev%elastic(b), at%y(2*s%nq + 1:2*s%nq + s%nz), &
-                          at%y(2*s%nq + s%nz + 1:2*s%nq + s%nz + s%nzd))
-      x(2) = sum(at%y(n + 1:n + size(s%losses)), s%losses%body == b .and. s%losses%layer == self%layer)
-    end associate
-  end subroutine read_energy
 
   !> Finds where the cores' angles at a node stand.
   pure subroutine find(self, b, node)

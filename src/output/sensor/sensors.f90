@@ -14,7 +14,7 @@ module sensors
   use energy_sensors, only: energy_sensor_model, power_sensor_model, work_sensor_model
   use evaluation_results, only: evaluation
   use force_sensors, only: spring_sensor_model, stop_sensor_model
-  use layer_sensors, only: layer_energy_model, layer_sensor_model, slip_sensor_model
+  use layer_sensors, only: layer_sensor_model, slip_sensor_model
   use mechanism, only: mechanism_model
   use marker, only: marker_model, marker_states
   use measure, only: measure_model
@@ -145,13 +145,9 @@ contains
       item = stress_sensor_model()
       columns = [result_column('.s', 'Pa'), result_column('.element', '-'), result_column('.node', '-')]
     case ('energy')
-      if (r%layer > 0) then
-        item = layer_energy_model(layer=r%layer)
-        columns = [result_column('.strain', 'J'), result_column('.dissipated', 'J')]
-        return
-      end if
-      item = energy_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1))
-      columns = [result_column('.kinetic', 'J'), result_column('.strain', 'J'), result_column('.dissipated', 'J')]
+      item = energy_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1), layer=r%layer)
+      columns = [result_column('.strain', 'J'), result_column('.dissipated', 'J')]
+      if (r%layer == 0) columns = [result_column('.kinetic', 'J'), columns]
     case ('stop')
       item = stop_sensor_model(element=m%s%switching(r%stop))
       columns = [result_column('.f', 'N'), result_column('.gap', 'm'), result_column('.state', '-')]
