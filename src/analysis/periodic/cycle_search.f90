@@ -9,7 +9,6 @@ module cycle_search
   use errors, only: failure, status_signal
   use progress, only: progress_line
   use scene_run, only: run_state, no_output
-  use sorting, only: sort_by_number
   use switching, only: event_list, switch_event
   use text, only: either, es_text, to_text
   use turn_log, only: turn_result
@@ -23,7 +22,6 @@ module cycle_search
   type, public :: cycle_state
     type(period_map) :: map
     type(turn_result) :: turn                        !! the last turn from an iterate; after the search that which repeats best
-    real(wp) :: period = 0.0_wp                      !! of it [s]
     logical :: free_period = .false.                 !! it is an unknown
     real(wp) :: residual = huge(1.0_wp)              !! largest change of an unknown in that turn, of its scale [-]
     logical :: found = .false.
@@ -45,8 +43,6 @@ module cycle_search
     logical :: grazes = .false.                      !! events change on both sides of the cycle
   contains
     procedure :: find_cycle
-    procedure :: search_again
-    procedure :: halve_steps
     procedure :: turn_again
     procedure :: find_multipliers
   end type cycle_state
@@ -64,26 +60,27 @@ contains
     type(value_archive) :: a
     integer :: signal
     logical :: ok
-    associate (list => run%turns, interval => run%d%transient%checkpoint_interval)
-      if (list%played == list%count) then
+    associate (log => run%turns%log, interval => run%d%transient%checkpoint_interval)
+      log%saving = log%saving .or. log%complete()
+      if (log%saving) then
         call self%map%march(x, period, held, turn, signal)
         if (signal > 0) call self%fail%raise(status_signal + signal, 'stopped by signal '//to_text(signal)//' after '// &
-                                             to_text(list%count)//' turns; biela --restart continues from there')
-        if (signal == 0) call list%add(turn)
+                                             to_text(self%turns)//' turns; biela --restart continues from there')
         ok = signal == 0
-        if (ok .and. interval > 0.0_wp) ok = .not. aint(list%count*period/interval) > aint((list%count - 1)*period/interval)
+        if (ok) call turn%exchange(log)
+        if (ok .and. interval > 0.0_wp) ok = .not. aint((self%turns + 1)*period/interval) > aint(self%turns*period/interval)
         if (.not. ok) then
           call a%begin_saving()
           if (run%model_found) call run%exchange_model(a)
-          call list%exchange(a)
+          call run%turns%exchange(a)
           call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)
           if (.not. ok) call no_output(run, self%fail)
         end if
         self%found = self%found .and. .not. self%fail%happened()
         if (self%fail%happened()) return
+      else
+        call turn%exchange(log)
       end if
-      list%played = list%played + 1
-      turn = list%items(list%played)
     end associate
     if (self%turns == 0) call self%map%divide(turn)
     self%turns = self%turns + 1
@@ -93,18 +90,16 @@ contains
 
   !> Steps until the motion repeats to the tolerance. A step that leads farther away is learned from and made anew; where that does,
   !> too, plain turns follow, each time one more.
-  subroutine find_cycle(self, run, x, period)
-    class(cycle_state), intent(inout) :: self
+  subroutine find_cycle(self, run)
+    class(cycle_state), intent(inout) :: self        !! in: start and period of its turn are those of the first one
     type(run_state), intent(inout) :: run
-    real(wp), intent(in) :: x(:)                     !! (ny) the first start [m, rad], [m/s, rad/s], [J]
-    real(wp), intent(in) :: period                   !! the first one [s]
     type(direction_space) :: space
     type(turn_result) :: now
     real(wp) :: change                               ! in a turn [-]
     integer :: plain, failed, k
     self%residual = huge(1.0_wp)
     self%found = .false.
-    call make_turn(self, run, x, period, now)
+    call make_turn(self, run, self%turn%start, self%turn%period, now)
     self%turn = now
     call space%clear(size(self%map%compared))
     plain = 0
@@ -125,28 +120,8 @@ contains
         call make_turn(self, run, self%map%moved(now%start, self%map%change(now)), (now%period), now)
       end do
     end do
-    self%period = self%turn%period
     self%turns_to_cycle = self%turns
   end subroutine find_cycle
-
-  !> The cycle of another map, from the start of the last one.
-  subroutine search_again(self, run)
-    class(cycle_state), intent(inout) :: self
-    type(run_state), intent(inout) :: run
-    real(wp), allocatable :: x(:)
-    x = self%turn%start
-    call self%find_cycle(run, x, (self%turn%period))
-  end subroutine search_again
-
-  !> The same cycle with twice the steps, which tells the error of the first one.
-  subroutine halve_steps(self, run)
-    class(cycle_state), intent(inout) :: self
-    type(run_state), intent(inout) :: run
-    self%coarse = self%turn
-    self%map%steps = 2*self%map%steps
-    call self%search_again(run)
-    self%start_error = maxval(abs(self%map%scaled(self%turn%start) - self%map%scaled(self%coarse%start)))
-  end subroutine halve_steps
 
   !> Where bodies move on: a second turn from where they are then, which differs where their place matters.
   subroutine turn_again(self, run)
@@ -154,7 +129,7 @@ contains
     type(run_state), intent(inout) :: run
     type(turn_result) :: next
     if (.not. self%map%moves_on) return
-    call make_turn(self, run, self%turn%end, self%period, next)
+    call make_turn(self, run, self%turn%end, self%turn%period, next)
     if (self%fail%happened()) return
     self%again = huge(1.0_wp)
     if (.not. next%lost) self%again = maxval(abs(self%map%change(next)))
@@ -232,27 +207,20 @@ contains
   type(switch_event) function difference_of(a, b) result(event)
     type(event_list), intent(in) :: a, b
     type(switch_event), allocatable :: x(:), y(:)
-    integer :: k, n
-    x = by_element(a)
-    y = by_element(b)
-    n = min(size(x), size(y))
-    k = findloc(x(:n)%element == y(:n)%element .and. x(:n)%to == y(:n)%to, .false., 1)
-    if (k == 0) k = n + 1
-    if (k <= size(x)) event = x(k)
-    if (k > size(y)) return
-    if (event%element == 0 .or. y(k)%element < event%element) event = y(k)
+    integer :: element, k
+    associate (of_a => a%items(:a%count), of_b => b%items(:b%count))
+      do element = 1, maxval([0, of_a%element, of_b%element])
+        x = pack(of_a, of_a%element == element)
+        y = pack(of_b, of_b%element == element)
+        do k = 1, min(size(x), size(y))
+          if (x(k)%to /= y(k)%to) exit
+        end do
+        if (k <= size(y)) event = y(k)
+        if (k <= size(x)) event = x(k)
+        if (event%element > 0) return
+      end do
+    end associate
   end function difference_of
-
-  !> The events of a turn, those of each element in their order.
-  pure function by_element(list) result(events)
-    type(event_list), intent(in) :: list
-    type(switch_event), allocatable :: events(:)
-    integer, allocatable :: first(:), sorted(:)
-    allocate (events(0))
-    if (list%count == 0) return
-    call sort_by_number(list%items(:list%count)%element, maxval(list%items(:list%count)%element), first, sorted)
-    events = list%items(sorted)
-  end function by_element
 
   !> Arnoldi's method about the cycle, until the wanted multipliers are known to their goal or nothing is left to find.
   subroutine find_multipliers(self, run, number)

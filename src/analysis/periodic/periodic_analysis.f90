@@ -3,15 +3,21 @@
 module periodic_analysis
   use kinds, only: wp
   use cycle_search, only: cycle_state
+  use deck_tables, only: read_columns
   use errors, only: failure, status_bad_input, status_failed
-  use orbit_file, only: read_orbit, write_orbit
   use periodic_words, only: cycle_lines, no_cycle
-  use scene_run, only: run_state
+  use readable_text, only: lf, one_line
+  use scene_run, only: run_state, no_output
   use self_heating, only: heat_balance
   use summary_text, only: summary_record
+  use text, only: joined, to_text
+  use text_file, only: result_file
+  use whole_file, only: read_file
   implicit none (type, external)
   private
   public :: run_periodic
+
+  character(*), parameter :: orbit = '/orbit.txt'   !! the state at t = 0, from which the search of another cycle may start
 
 contains
 
@@ -22,9 +28,10 @@ contains
     type(failure), intent(inout) :: fail
     type(cycle_state) :: cycle
     type(heat_balance) :: heat
-    real(wp), allocatable :: start(:)         ! (ny) [m, rad], [m/s, rad/s], [J]
-    real(wp) :: period, now, before           ! [s]; largest error, of this and of the last number of steps [-]
+    real(wp) :: now, before                   ! largest error, of this and of the last number of steps [-]
+    real(wp) :: longer                        ! [-]
     character(:), allocatable :: problem
+    call run%turns%log%begin_saving()
     if (run%restart) then
       call run%turns%exchange(run%saved)
       if (run%saved%damaged) call fail%raise(status_bad_input, 'the checkpoint in "'//run%folder// &
@@ -39,18 +46,21 @@ contains
       cycle%most_turns = p%most_turns
       call cycle%line%begin(run%quiet, '')
       call cycle%map%begin(run)
-      period = p%period
-      if (len(run%orbit) > 0) call read_orbit(run, run%orbit, period, fail)
+      cycle%turn%period = p%period
+      if (len(run%orbit) > 0) call read_orbit(run, run%orbit, cycle%turn%period, fail)
       if (fail%happened()) return
-      start = run%y
+      cycle%turn%start = run%y
       cycle%error = [real(wp) ::]
-      call cycle%find_cycle(run, start, period)
+      call cycle%find_cycle(run)
       call heat%begin(run)
       if (cycle%found .and. size(heat%part) > 0) call heat%settle(run, cycle)
       if (cycle%found) call cycle%find_multipliers(run, p%multipliers)
       now = huge(1.0_wp)
       do while (cycle%found .and. (accuracy > 0.0_wp .or. run%d%transient%check_error))
-        call cycle%halve_steps(run)
+        cycle%coarse = cycle%turn
+        cycle%map%steps = 2*cycle%map%steps
+        call cycle%find_cycle(run)
+        cycle%start_error = maxval(abs(cycle%map%scaled(cycle%turn%start) - cycle%map%scaled(cycle%coarse%start)))
         if (cycle%found) call cycle%find_multipliers(run, p%multipliers)
         before = now
         now = maxval([cycle%start_error, cycle%error])
@@ -64,25 +74,64 @@ contains
     problem = no_cycle(run, cycle)
     if (len(problem) > 0) call fail%raise(status_failed, problem)
     if (fail%happened()) return
-    call set_transient(run, cycle%period)
+    if (run%d%periodic%free_period .and. run%d%periodic%one_period) then   ! as many steps and rows as the deck asks of the guess
+      associate (r => run%d%transient)
+        longer = cycle%turn%period/run%d%periodic%period
+        r%t_end = cycle%turn%period
+        r%output_step = longer*r%output_step
+        r%motion_step = longer*r%motion_step
+        r%step = longer*r%step
+      end associate
+    end if
     run%y = cycle%turn%start
-    call write_orbit(run, cycle%period, fail)
+    call write_orbit(run, cycle%turn%period, fail)
     call cycle_lines(run, cycle, heat, text, fail)
   end subroutine run_periodic
 
-  !> The transient follows the cycle: a period that was sought has as many steps and rows as the deck asks of the guess.
-  subroutine set_transient(run, period)
-    type(run_state), intent(inout) :: run
-    real(wp), intent(in) :: period            !! [s]
-    real(wp) :: longer                        ! [-]
-    if (.not. (run%d%periodic%free_period .and. run%d%periodic%one_period)) return
-    associate (r => run%d%transient)
-      longer = period/run%d%periodic%period
-      r%t_end = period
-      r%output_step = longer*r%output_step
-      r%motion_step = longer*r%motion_step
-      r%step = longer*r%step
-    end associate
-  end subroutine set_transient
+  !> The line by which a file is known to belong to a scene.
+  function heading(run) result(line)
+    type(run_state), intent(in) :: run
+    character(:), allocatable :: line
+    line = '# unknowns: '//to_text(run%sys%m%s%ny)//' of bodies '//one_line(joined(run%sys%m%s%bodies%name, ' '))
+  end function heading
 
+  !> Writes the present state.
+  subroutine write_orbit(run, period, fail)
+    type(run_state), intent(in) :: run
+    real(wp), intent(in) :: period            !! [s]
+    type(failure), intent(inout) :: fail
+    type(result_file) :: file
+    integer :: k
+    call file%open(run%folder//orbit)
+    call file%head('state of a cycle at t = 0, after its period', run%d%name, run%sys%m%s%title)
+    call file%line(heading(run))
+    call file%line('# columns: number[-] value[-]')
+    call file%row([0.0_wp, period])
+    do k = 1, size(run%y)
+      call file%row([real(k, wp), run%y(k)])
+    end do
+    call file%close()
+    if (file%failed) call no_output(run, fail)
+  end subroutine write_orbit
+
+  !> Reads a state of the same unknowns.
+  subroutine read_orbit(run, folder, period, fail)
+    type(run_state), intent(inout) :: run     !! run%y receives it
+    character(*), intent(in) :: folder
+    real(wp), intent(inout) :: period         !! of the cycle; left as it is where the deck gives it [s]
+    type(failure), intent(inout) :: fail
+    character(:), allocatable :: content, problem
+    real(wp), allocatable :: number(:), value(:)   ! [-], [any]
+    call read_file(folder//orbit, content, problem)
+    if (len(problem) == 0) then
+      call read_columns(content, [1, 2], number, value, problem)
+      if (index(content, heading(run)//lf) > 0 .and. size(value) == size(run%y) + 1) then
+        if (run%d%periodic%free_period) period = value(1)
+        run%y = value(2:)
+        return
+      end if
+    end if
+    call fail%raise(status_bad_input, '--orbit: "'//folder//orbit//'" is not the cycle of a deck with the same bodies and '// &
+                    'unknowns; expected the results of such a deck with &periodic')
+  end subroutine read_orbit
 end module periodic_analysis

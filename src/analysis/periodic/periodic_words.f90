@@ -5,11 +5,10 @@ module periodic_words
   use errors, only: failure
   use loss_words, only: loss_lines
   use readable_text, only: json_text
-  use scene_model, only: scene
   use scene_run, only: run_state, no_output
   use self_heating, only: heat_balance
   use summary_text, only: summary_record
-  use switching, only: element_name, switch_event
+  use switching, only: element_name
   use text, only: either, quoted, short_text, to_text
   use text_file, only: result_file
   implicit none (type, external)
@@ -28,7 +27,7 @@ contains
     real(wp) :: r(size(cycle%map%compared))   ! [-], then [m, rad]
     integer :: k, b
     words = ''
-    associate (s => run%sys%m%s, map => cycle%map, turn => cycle%turn)
+    associate (s => run%sys%m%s, map => cycle%map, turn => cycle%turn, event => cycle%changed)
       if (turn%lost) then
         words = 'the first turn of the periodic analysis failed at t = '//short_text(turn%at, 4)// &
                 ' s; the deck without &periodic says why'
@@ -37,17 +36,18 @@ contains
         k = maxloc(abs(r), 1)
         words = 'no cycle was found in '//to_text(cycle%turns)//' turns: the best one repeats to '// &
                 short_text(cycle%residual, 2)//' of its range, '//to_text(cycle%tolerance)//' was asked for; '// &
-                name_of(s, map%compared(k))//' repeats worst'
+                name_of(run, cycle, abs(r))//' repeats worst'
         b = count(s%qo < map%compared(k))
         if (map%compared(k) <= min(s%nq, s%qo(b) + 3)) words = words//': it is '//short_text(r(k)*map%scale(k), 3)// &
           either(' rad', ' m', map%turning(k))//' farther on after a period; moves_on='//quoted(trim(s%bodies(b)%name))// &
           ' if it may be'
-        if (cycle%changed%element > 0) words = words//'; events of '//event_words(run, cycle%changed)//' are not in every turn'
+        if (event%element > 0) words = words//'; events of "'//element_name(run%sys%m, event%element)//'" at t = '// &
+                                       short_text(event%t, 4)//' s are not in every turn'
         words = words//'; a motion that never repeats has statistics, by a long transient'
-      else if (cycle%free_period .and. (cycle%period < short*run%d%periodic%period .or. &
-                                        maxval(abs(map%scaled(turn%slope)))*cycle%period < still)) then
+      else if (cycle%free_period .and. (cycle%turn%period < short*run%d%periodic%period .or. &
+                                        maxval(abs(map%scaled(turn%slope)))*cycle%turn%period < still)) then
         words = 'the search of a cycle came to a rest, which repeats after any time, or near one: a period of '// &
-                short_text(cycle%period, 3)//' s; expected a start farther from rest, or a better period_guess than '// &
+                short_text(cycle%turn%period, 3)//' s; expected a start farther from rest, or a better period_guess than '// &
                 to_text(run%d%periodic%period)//' s'
       else if (turn%remembers > 0) then
         words = 'stop "'//element_name(run%sys%m, turn%remembers)//'" is touched at t = 0, and its force depends on the speed '// &
@@ -59,14 +59,6 @@ contains
       end if
     end associate
   end function no_cycle
-
-  !> An event, by the name of its element and its time.
-  function event_words(run, event) result(words)
-    type(run_state), intent(in) :: run
-    type(switch_event), intent(in) :: event
-    character(:), allocatable :: words
-    words = '"'//element_name(run%sys%m, event%element)//'" at t = '//short_text(event%t, 4)//' s'
-  end function event_words
 
   !> The part of the summary, and floquet.txt.
   subroutine cycle_lines(run, cycle, heat, text, fail)
@@ -80,7 +72,7 @@ contains
     associate (s => run%sys%m%s, turn => cycle%turn)
       call text%section('periodic', 'periodic')
       call text%line('  period {period 9} s, repeats to {residual 1} after {turns_to_cycle #} turns of {steps #} steps; all '// &
-                     'turns: {turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%period, cycle%residual, &
+                     'turns: {turns #}; lost in a period: {lost_in_a_period 4} J', [real(wp) :: cycle%turn%period, cycle%residual, &
                      cycle%turns_to_cycle, cycle%map%steps, cycle%turns, turn%end(2*s%nq + s%nz + s%nzd + 1)])
       call loss_lines(run, turn%end, .true., text)
       call heat%lines(run, text)
@@ -112,15 +104,16 @@ contains
       if (near > 10*max(cycle%error(cycle%time), so_near)) call text%warn('the multiplier that belongs to time differs from 1 '// &
         'by '//short_text(near, 1)//': finer steps would tell the others better')
     end if
-    if (cycle%grazes) call text%warn('events of '//event_words(run, cycle%changed)//' change on both sides of the cycle, '// &
-      'as where a stop is just touched: it has no multipliers, and those told mean little')
+    if (cycle%grazes) call text%warn('events of "'//element_name(run%sys%m, cycle%changed%element)//'" at t = '// &
+      short_text(cycle%changed%t, 4)//' s change on both sides of the cycle, as where a stop is just touched: it has no '// &
+      'multipliers, and those told mean little')
     mu = 0.0_wp
     near = so_near
     what = 'any disturbance'
     if (list(1) > 0) then
       mu = cycle%pairs%value(list(1))
       near = max(so_near, cycle%error(list(1)))
-      what = 'a disturbance of '//mover(run, cycle, list(1))
+      what = 'a disturbance of '//name_of(run, cycle, abs(cycle%pairs%vector(:, list(1))))
     end if
     modulus = abs(mu)
     call text%member('stable', either('true', 'false', modulus <= 1 + near))
@@ -141,20 +134,11 @@ contains
       if (way == 'jump') call text%line('  it leads away to one side: to another cycle, or to none')
     end if
     call text%member('way', json_text(way))
-    if (way == 'flip') call text%line('  an orbit of two periods may exist: period='//to_text(2*cycle%period)// &
+    if (way == 'flip') call text%line('  an orbit of two periods may exist: period='//to_text(2*cycle%turn%period)// &
                                       ' s, from a start off this one')
     if (way == 'beat') call text%line('  it turns by '//to_text(anint(1.0e4_wp*abs(atan2(mu%im, mu%re))/(2*pi))/1.0e4_wp)// &
                                       ' of a circle each period: the motion beats')
   end subroutine stability_lines
-
-  !> The unknown that a multiplier moves most, in words.
-  function mover(run, cycle, k) result(words)
-    type(run_state), intent(in) :: run
-    type(cycle_state), intent(in) :: cycle
-    integer, intent(in) :: k                  !! its number among the pairs
-    character(:), allocatable :: words
-    words = name_of(run%sys%m%s, cycle%map%compared(maxloc(abs(cycle%pairs%vector(:, k)), 1)))
-  end function mover
 
   !> Each multiplier in the summary, and as a row of floquet.txt.
   subroutine multiplier_lines(run, cycle, list, text, fail)
@@ -165,25 +149,27 @@ contains
     type(failure), intent(inout) :: fail
     type(result_file) :: file
     real(wp) :: x(7, size(list))              ! [-, -, -, -, 1/s, Hz, -]
+    character(:), allocatable :: name
     integer :: k
     call text%open('multipliers', '[')
     do k = 1, size(list)
       associate (mu => cycle%pairs%value(list(k)))
-        x(:, k) = [mu%re, mu%im, abs(mu), cycle%error(list(k)), log(abs(mu))/cycle%period, &
-                   atan2(mu%im, mu%re)/(2*pi*cycle%period), log(0.01_wp)/log(abs(mu))]
+        name = name_of(run, cycle, abs(cycle%pairs%vector(:, list(k))))
+        x(:, k) = [mu%re, mu%im, abs(mu), cycle%error(list(k)), log(abs(mu))/cycle%turn%period, &
+                   atan2(mu%im, mu%re)/(2*pi*cycle%turn%period), log(0.01_wp)/log(abs(mu))]
       end associate
       call text%item('  multiplier '//to_text(k)//': {real 8} {imag 8} i, modulus {modulus 8}, error {error 1}; growth '// &
-                     '{growth 3} 1/s at {frequency 3} Hz; moves {moves='//mover(run, cycle, list(k))//'}', &
+                     '{growth 3} 1/s at {frequency 3} Hz; moves {moves='//name//'}', &
                      [x(1:5, k), abs(x(6, k))])
     end do
     call text%close()
     if (cycle%wanted == 0) return
     call file%open(run%folder//'/floquet.txt')
-    call file%head('Floquet multipliers of the cycle of '//to_text(cycle%period)//' s', run%d%name, run%sys%m%s%title)
+    call file%head('Floquet multipliers of the cycle of '//to_text(cycle%turn%period)//' s', run%d%name, run%sys%m%s%title)
     call file%line('# a disturbance is multiplied by one of them each period; frequency: up to whole multiples of '// &
-                   to_text(1/cycle%period)//' Hz')
+                   to_text(1/cycle%turn%period)//' Hz')
     do k = 1, size(list)
-      call file%line('# '//to_text(k)//' moves most: '//mover(run, cycle, list(k)))
+      call file%line('# '//to_text(k)//' moves most: '//name_of(run, cycle, abs(cycle%pairs%vector(:, list(k)))))
     end do
     call file%line('# columns: number[-] real[-] imag[-] modulus[-] error[-] growth[1/s] frequency[Hz] turns_to_hundredth[-]')
     do k = 1, size(list)
@@ -193,14 +179,16 @@ contains
     if (file%failed) call no_output(run, fail)
   end subroutine multiplier_lines
 
-  !> An unknown in words.
-  function name_of(s, unknown) result(name)
-    type(scene), intent(in) :: s
-    integer, intent(in) :: unknown            !! its number in the state
+  !> The unknown that moves most, in words.
+  function name_of(run, cycle, size_of) result(name)
+    type(run_state), intent(in) :: run
+    type(cycle_state), intent(in) :: cycle
+    real(wp), intent(in) :: size_of(:)        !! (compared) of the move [-]
     character(5), parameter :: frame(3) = ['x    ', 'y    ', 'angle']
     character(:), allocatable :: name
-    integer :: b, k
-    if (unknown <= 2*s%nq) then
+    integer :: unknown, b, k
+    unknown = cycle%map%compared(maxloc(size_of, 1))
+    associate (s => run%sys%m%s)
       k = 1 + mod(unknown - 1, s%nq)
       b = count(s%qo < k)
       k = k - s%qo(b)
@@ -208,20 +196,20 @@ contains
       if (k <= 3) name = 'the '//trim(frame(k))
       if (unknown > s%nq) name = 'the rate of '//name
       name = name//' of body "'//trim(s%bodies(b)%name)//'"'
-      return
-    end if
-    k = 1 + mod(unknown - 2*s%nq - 1, s%nz)
-    name = 'an internal variable of a spring'
-    do b = 1, size(s%bodies)
-      if (s%bodies(b)%nz == 0) cycle
-      associate (before => s%bodies(b)%segments(1)%start(1))
-        if (k > before .and. k <= before + s%bodies(b)%nz) name = 'an internal variable of body "'//trim(s%bodies(b)%name)//'"'
-      end associate
-    end do
-    do b = 1, size(s%controllers)
-      associate (c => s%controllers(b))
-        if (k > c%first .and. k <= c%first + c%states) name = 'a state of controller "'//trim(c%name)//'"'
-      end associate
-    end do
+      if (unknown <= 2*s%nq) return
+      k = 1 + mod(unknown - 2*s%nq - 1, s%nz)
+      name = 'an internal variable of a spring'
+      do b = 1, size(s%bodies)
+        if (s%bodies(b)%nz == 0) cycle
+        associate (before => s%bodies(b)%segments(1)%start(1))
+          if (k > before .and. k <= before + s%bodies(b)%nz) name = 'an internal variable of body "'//trim(s%bodies(b)%name)//'"'
+        end associate
+      end do
+      do b = 1, size(s%controllers)
+        associate (c => s%controllers(b))
+          if (k > c%first .and. k <= c%first + c%states) name = 'a state of controller "'//trim(c%name)//'"'
+        end associate
+      end do
+    end associate
   end function name_of
 end module periodic_words

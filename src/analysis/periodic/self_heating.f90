@@ -119,7 +119,7 @@ contains
     cycle%most_turns = cycle%turns + run%d%periodic%most_turns
     last = cycle%turn
     call cycle%map%begin(run)
-    call cycle%search_again(run)
+    call cycle%find_cycle(run)
     if (cycle%found) return
     cycle%turn = last
     problem = 'at '//short_text(maxval(temperature), 4)//' C no cycle is found'
@@ -141,7 +141,7 @@ contains
         if (cause > 0) self%loss = [self%loss, y(s%ny - size(s%integrated) - size(s%losses) + cause)]
       end do
     end associate
-    self%loss = self%loss/cycle%period
+    self%loss = self%loss/cycle%turn%period
   end subroutine find_losses
 
   !> Why there is no balance: the part that is farthest from it.

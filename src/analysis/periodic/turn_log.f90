@@ -20,59 +20,45 @@ module turn_log
     real(wp), allocatable :: slope(:)         !! (ny) its derivative there [the same per second]
     real(wp), allocatable :: range(:)         !! (ny) of the first turn, else empty [m, rad], [m/s, rad/s], [J]
     type(event_list) :: events
+  contains
+    procedure :: exchange => exchange_turn
   end type turn_result
 
-  !> All turns of a run.
+  !> All turns of a run, those of a checkpoint first.
   type, public :: turn_list
-    integer :: count = 0                      !! in the list
-    integer :: played = 0                     !! of them, by this run
-    type(turn_result), allocatable :: items(:)
+    type(value_archive) :: log                !! restoring, while turns of a checkpoint are left
   contains
-    procedure :: add
-    procedure :: exchange
+    procedure :: exchange => exchange_list
   end type turn_list
 
 contains
 
-  !> Appends a turn.
-  subroutine add(self, turn)
-    class(turn_list), intent(inout) :: self
-    type(turn_result), intent(in) :: turn
-    type(turn_result), allocatable :: longer(:)
-    if (.not. allocated(self%items)) allocate (self%items(16))
-    if (self%count == size(self%items)) then
-      allocate (longer(2*self%count))
-      longer(:self%count) = self%items
-      call move_alloc(longer, self%items)
-    end if
-    self%count = self%count + 1
-    self%items(self%count) = turn
-  end subroutine add
-
   !> Saves or restores all turns; restored ones are played again from the first on.
-  subroutine exchange(self, a)
+  subroutine exchange_list(self, a)
     class(turn_list), intent(inout) :: self
     type(value_archive), intent(inout) :: a
-    type(turn_result) :: turn
     integer(ip), allocatable :: words(:)
-    integer :: k, n
-    n = self%count
     words = [integer(ip) ::]
-    call a%exchange(n)
-    do k = 1, n
-      if (a%damaged) return
-      if (a%saving) turn = self%items(k)
-      if (a%saving) words = int(turn%states, ip)
-      call a%exchange(turn%period, turn%lost, turn%at, turn%steps, turn%remembers)
-      call a%exchange(words)
-      turn%states = int(words)
-      call exchange_state(turn%start)
-      call exchange_state(turn%end)
-      call exchange_state(turn%slope)
-      call exchange_state(turn%range)
-      call turn%events%exchange(a)
-      if (.not. (a%saving .or. a%damaged)) call self%add(turn)
-    end do
+    if (a%saving) words = self%log%words(:self%log%count)
+    call a%exchange(words)
+    if (size(words) > 0 .and. .not. a%saving) call self%log%begin_restoring(words)
+  end subroutine exchange_list
+
+  !> Saves or restores a turn.
+  subroutine exchange_turn(self, a)
+    class(turn_result), intent(inout) :: self
+    type(value_archive), intent(inout) :: a
+    integer(ip), allocatable :: words(:)
+    words = [integer(ip) ::]
+    if (a%saving) words = int(self%states, ip)
+    call a%exchange(self%period, self%lost, self%at, self%steps, self%remembers)
+    call a%exchange(words)
+    self%states = int(words)
+    call exchange_state(self%start)
+    call exchange_state(self%end)
+    call exchange_state(self%slope)
+    call exchange_state(self%range)
+    call self%events%exchange(a)
   contains
     !> One array with its size.
     subroutine exchange_state(x)
@@ -81,5 +67,5 @@ contains
       call a%exchange(words)
       x = transfer(words, [0.0_wp])
     end subroutine exchange_state
-  end subroutine exchange
+  end subroutine exchange_turn
 end module turn_log
