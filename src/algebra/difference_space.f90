@@ -101,7 +101,7 @@ contains
     real(wp), intent(in) :: slope(:)          !! (n), or none: of the state at the end by the period, over the period [-]
     real(wp), allocatable, intent(out) :: c(:)   !! (space), and the change of the period over it [-]
     real(wp), intent(out) :: rest(:)          !! (n) [-]
-    real(wp), parameter :: cut = 1.0e-7_wp    ! singular values below it are rounding of quotients, of the largest [-]
+    real(wp), parameter :: cut = 1.0e-7_wp    ! singular values below it are rounding, of the largest, and of directions of length 1 [-]
     real(wp), allocatable :: a(:, :), s(:), u(:, :), vt(:, :)
     integer :: columns
     columns = self%count + min(1, size(slope))
@@ -112,7 +112,7 @@ contains
     a(:, :self%count) = self%v(:, :self%count) - self%w(:, :self%count)
     if (size(slope) > 0) a(:, columns) = -slope
     call decompose(a, s, u, vt)
-    associate (m => count(s > cut*s(1)))
+    associate (m => count(s > cut*max(1.0_wp, s(1))))
       c = matmul(matmul(r, u(:, :m))/s(:m), vt(:m, :))
     end associate
     rest = r - matmul(a, c)

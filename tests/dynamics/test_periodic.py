@@ -442,6 +442,10 @@ def test_no_cycle(run_deck):
     assert "no cycle was found" in run.stderr
     assert 'body "stone"' in run.stderr
     assert not (run.folder / "floquet.txt").exists()
+    pushed = SLIDER.replace(" friction=0.1", "").replace(" multipliers=2", " most_turns=9")  # without its spring
+    pushed = "".join(line for line in pushed.splitlines(keepends=True) if "&spring" not in line)
+    way = (0.8 + 30 / 14) * 2 * math.pi / 14
+    assert f"it is {way:.3E} m farther on after a period" in run_deck(pushed, expect=1).stderr
     drifting = BELT.replace("moves_on='belt'", "").replace("period_guess=0.8", "period=0.8")
     run = run_deck(drifting, expect=1)
     assert 'the x of body "belt"' in run.stderr
