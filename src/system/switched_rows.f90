@@ -31,8 +31,8 @@ contains
     where (ev%rows%off) gap = -lambda
     do k = 1, size(m%s%friction)
       associate (law => m%s%friction(k))
-        if (ev%rows%off(law%row)) gap(law%row) = force_of(law, ev%switches%state(law%number), lambda, &
-                                                               ev%rows%pressed(law%row)) - lambda(law%row)
+        if (ev%rows%off(law%row)) gap(law%row) = force_of(law, ev%switches%state(law%number), lambda, ev%rows%pressed(law%row), &
+                                                          ev%switches%event_value(law%number)) - lambda(law%row)
       end associate
     end do
   end subroutine slip_gaps
@@ -51,7 +51,7 @@ contains
     associate (law => m%s%friction(k))
       if (law%element > 0) return            ! it follows the motion
       reaction = [law%first, merge(law%first + 1, 0, law%rows > 1)]
-      slope = law%force_slope(ev%switches%state(law%number), lambda)
+      slope = law%force_slope(ev%switches%state(law%number), lambda, ev%switches%event_value(law%number))
     end associate
   end subroutine slip_slope
 

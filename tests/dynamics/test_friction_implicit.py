@@ -171,3 +171,32 @@ def test_statics_frees_friction_and_a_transient_is_held_there(run_deck):
 def test_a_joint_without_friction_has_no_friction_to_measure(run_deck):
     run = run_deck(PENDULUM.replace("METHOD", "'rk4' step=0.01").replace("friction=0.25 friction_static=0.3 ", ""), expect=2)
     assert 'sensor/rub: joint "pin" has no friction' in run.stderr
+
+
+TURNING_LOAD = """&scene gravity=0,0 /
+&parameter name='b' value={-asin(0.2*sin(0.792)/0.5961)} /
+&body name='crank' mass=1 inertia=0.02 com=0.1,0 angle=0.792 /
+&body name='rod' mass=0.5 inertia=0.01 com=0.298,0 position={0.2*cos(0.792)},{0.2*sin(0.792)} angle={b} /
+&body name='slider' mass=0.4 inertia=1e-3 position={0.2*cos(0.792)+0.5961*cos(b)},0 /
+&joint name='main' type='revolute' body_a='crank' /
+&joint name='big' type='revolute' body_a='rod' body_b='crank' point_b=0.2,0 /
+&joint name='small' type='revolute' body_a='rod' point_a=0.5961,0 body_b='slider' friction=0.332 pin_radius=0.0189 /
+&joint name='rail' type='prismatic' body_a='slider' friction=2.364 /
+&history name='turn' kind='sine' amplitude=5.68 frequency=1.101 phase=2.855 /
+&force name='motor' type='torque' body='crank' moment=1 history='turn' /
+&sensor name='crank' quantity='angle' body='crank' /
+&sensor name='rail' quantity='reaction' joint='rail' /
+&transient METHOD t_end=0.06 output_step=1e-3 /
+"""
+
+
+def test_a_rail_whose_load_turns(run_deck):
+    """The force across a rail passes through zero: a matrix with the old sign led to and fro, without end."""
+    runs = [
+        run_deck(TURNING_LOAD.replace("METHOD", f"method={word}"), name=word[1:4])
+        for word in ("'radau' tolerance=1e-9", "'dopri5' tolerance=1e-11")
+    ]
+    assert runs[0].history["rail.fy"].min() < -0.1 < 0.1 < runs[0].history["rail.fy"].max()
+    np.testing.assert_allclose(runs[0].history["crank"], runs[1].history["crank"], atol=1e-9)
+    np.testing.assert_allclose(runs[0].history["rail.fy"], runs[1].history["rail.fy"], atol=1e-6)
+    assert runs[0].transient["rejected"] < 0.1 * runs[0].transient["steps"] < 30

@@ -56,22 +56,27 @@ contains
     end do
   end subroutine slip_forces
 
-  !> The multiplier of its row where that is off.
-  pure real(wp) function force_of(law, state, lambda, pressed) result(f)   ! [N]
+  !> The multiplier of its row where that is off. With the signs of the pads' normal forces at the last event, that of a joint that
+  !> slips goes on beyond their zeros as before: a step ends there at an event.
+  pure real(wp) function force_of(law, state, lambda, pressed, event_value) result(f)   ! [N]
     type(coulomb_law), intent(in) :: law
     integer, intent(in) :: state
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
     real(wp), intent(in) :: pressed       !! force of its stop [N]
+    real(wp), intent(in), optional :: event_value   !! holds those signs [-]
     f = 0.0_wp
     if (abs(state) == row_slips) f = sign(1, state)*limit_of(law, .false., lambda, pressed)
+    if (abs(state) == row_slips .and. present(event_value)) &
+      f = f + sign(law%kinetic, real(state, wp))*sum(law%pads(lambda)*law%pad_signs(event_value) - abs(law%pads(lambda)))
     if (abs(state) == row_at_limit) f = sign(1, state)*limit_of(law, .true., lambda, pressed)
   end function force_of
 
   !> Derivatives of that force by the joint's multipliers; what they are 0 for is 0.
-  pure function force_slope(self, state, lambda) result(d)
+  pure function force_slope(self, state, lambda, event_value) result(d)
     class(coulomb_law), intent(in) :: self
     integer, intent(in) :: state
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
+    real(wp), intent(in), optional :: event_value   !! as in `force_of` [-]
     real(wp) :: d(2)                      ! [-]
     real(wp) :: y(2), p(most_pads), mu
     d = 0.0_wp
@@ -79,15 +84,17 @@ contains
     if (abs(state) == row_slips) mu = sign(self%kinetic, real(state, wp))
     if (abs(state) == row_at_limit) mu = sign(self%static, real(state, wp))
     if (self%contact == on_stop) return
+    p = sign(1.0_wp, self%pads(lambda))
+    if (present(event_value) .and. abs(state) == row_slips) p = self%pad_signs(event_value)
     y = 0.0_wp                            ! the joint's multipliers that press [N]
     y(:self%rows) = lambda(self%first:self%first + self%rows - 1)
     select case (self%contact)
     case (on_pin)
       if (norm2(y) > tiny(1.0_wp)) d = mu*self%radius/self%size*y/norm2(y)
     case (on_line)
-      d(1) = sign(1.0_wp, y(1))*mu
+      d(1) = p(1)*mu
     case default
-      p = sign(0.5_wp, self%pads(lambda))*mu
+      p = 0.5_wp*p*mu
       d = [p(1) + p(2), 2*self%size/self%distance*(p(1) - p(2))]
     end select
   end function force_slope
