@@ -108,13 +108,9 @@ def find_solver(solver: str | Path | None = None) -> Path:
 def run(
     deck: str | Path, *, set: Mapping[str, object] | None = None, folder: str | Path | None = None, solver: str | Path | None = None
 ) -> Result:
-    """Run a deck and return its results; SolverError with its words where the solver refuses it or stops.
+    """Run a deck (a path, or its text) and return its results; SolverError with its words where the solver refuses it or stops.
 
-    Args:
-        deck: path of a deck, or its text, whose files are looked for from the current folder
-        set: values by name: of parameters (`L`), or of variables of the deck (`section/rod/height`, `transient/step`)
-        folder: of the results; left out: one that lasts as long as the result
-        solver: the program
+    Values are set by name, of parameters (`L`) or variables (`section/rod/height`). Without a folder results last as long as this.
     """
     program = find_solver(solver)
     text = str(deck) if isinstance(deck, str) and ("&" in deck or "\n" in deck) else None

@@ -17,6 +17,7 @@ from .plot import COLOURS, LOOK, axis_label, mark_beyond, pretty_unit, stacked
 from .sweep_study import Study
 
 ROUNDED = 1.0e-6  # by which a multiplier of 1 may be above it
+CURVES = 6  # parameters, limits of one panel
 OUTLINED = [patheffects.withStroke(linewidth=2.5, foreground="white", alpha=0.85)]
 
 
@@ -170,9 +171,6 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
             if study.parameters[k].log:
                 scale("log")
     return save(figure, folder / f"map_{study.scalars[result - len(study.parameters)].name}")
-
-
-CURVES = 6  # parameters, limits of one panel
 
 
 def history(found: Optimum) -> Figure:
