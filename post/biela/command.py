@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     import subprocess
 
 WIDTH = 118  # letters of the line
-CLOSED = 141  # status of a command whose reader has gone, as shells count it (128 + SIGPIPE)
 ROOT = Path(__file__).resolve().parents[2]
 SOLVER = ROOT / "bin" / "biela"  # built by `make`; found from any folder
 if not SOLVER.is_file():  # the installed package
@@ -117,10 +116,11 @@ def run(tool: str, main: Callable[[], int]) -> NoReturn:
         status = main()
         if sys.stdout is not None:
             sys.stdout.flush()
-    except ModuleNotFoundError as fault:
-        print(f"{tool}: {missing(fault)}", file=sys.stderr)
-        status = 2
+    except (ModuleNotFoundError, KeyboardInterrupt) as fault:
+        stopped = isinstance(fault, KeyboardInterrupt)
+        print(f"{tool}: {'interrupted' if stopped else missing(fault)}", file=sys.stderr)
+        status = 130 if stopped else 2
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is still buffered has no reader
-        status = CLOSED
+        status = 141  # of a command whose reader has gone, as shells count it (128 + SIGPIPE)
     sys.exit(status)

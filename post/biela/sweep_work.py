@@ -232,6 +232,7 @@ class Sweep:
 def sweep(options: StudyOptions) -> Sweep:
     """Run a study, or what is not stored of it, and write its table; BielaError where it cannot be run."""
     study, deck = prepare(options)
+    choose(study, [], options.best or study.best or f"min {study.scalars[0].name}", [*study.where, *options.where])  # wrong words
     folder = options.folder("sweep")
     with StudyRuns(study, deck, options, folder) as runs:
         entries = runs.entries(study)

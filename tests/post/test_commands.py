@@ -73,6 +73,15 @@ def test_a_closed_standard_output_changes_nothing():
     assert (warned, child.returncode) == (b"", 3)
 
 
+def test_ctrl_c_ends_a_tool_with_one_line(capsys):
+    def stop() -> int:
+        raise KeyboardInterrupt
+
+    with pytest.raises(SystemExit) as ended:
+        command.run("report", stop)
+    assert (ended.value.code, capsys.readouterr().err) == (130, "report: interrupted\n")
+
+
 @pytest.mark.parametrize(
     ("kind", "text", "found"),
     [
