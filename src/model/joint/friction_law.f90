@@ -66,8 +66,9 @@ contains
     real(wp), intent(in), optional :: event_value   !! holds those signs [-]
     f = 0.0_wp
     if (abs(state) == row_slips) f = sign(1, state)*limit_of(law, .false., lambda, pressed)
-    if (abs(state) == row_slips .and. present(event_value)) &
+    if (abs(state) == row_slips .and. present(event_value)) then
       f = f + sign(law%kinetic, real(state, wp))*sum(law%pads(lambda)*law%pad_signs(event_value) - abs(law%pads(lambda)))
+    end if
     if (abs(state) == row_at_limit) f = sign(1, state)*limit_of(law, .true., lambda, pressed)
   end function force_of
 
