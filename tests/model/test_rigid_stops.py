@@ -482,3 +482,35 @@ def test_an_impact_moves_a_body_that_friction_holds(run_deck):
     assert run.history["v.x"][-1] == pytest.approx(1.2 - 2 * v, abs=1e-12)
     assert run.transient["stops"][0]["lost"] == pytest.approx(0.5 * (1 - 0.8**2) * 1.2**2 / 1.5, rel=1e-12)
     assert run.transient["energy_balance"] < 1e-12
+
+
+TURN = """&body name='arm' mass=1.2 inertia=0.1 com=0.3,0.0 /
+&joint name='pin' type='revolute' body_a='arm' /
+&stop name='s' type='rotation' body_a='arm' upper=0.3 restitution=0.5 /
+&spring name='k' type='linear' body_a='arm' point_a=0.3,0.0 point_b=3.0,3.0 stiffness=1.0 free_length=0.1 /
+&sensor name='a' quantity='angle' body='arm' /
+"""
+
+
+def test_a_stop_of_an_angle_in_a_scene_that_is_not_one_metre_long(run_deck):
+    """Its limit in statics and its impulse are an angle and a moment's, whatever the length is by which angles are weighed."""
+    assert np.loadtxt(run_deck(TURN + "&static /\n", name="rest").folder / "static.txt")[-1, -1] == pytest.approx(0.3, rel=1e-13)
+    run = run_deck(TURN + "&transient t_end=2 method='dopri5' tolerance=1e-10 /\n", name="hit")
+    speed = events_of(run)[0][4]
+    assert run.transient["stops"][0]["largest_impulse"] == pytest.approx((0.1 + 1.2 * 0.3**2) * 1.5 * speed, rel=1e-9)
+
+
+def test_what_rests_on_a_stop_stays_there_when_its_other_end_hits(run_deck):
+    """The impact at the right would throw the left end through its stop, which stops it at once: nothing rebounds there."""
+    stops = "".join(
+        f"&stop name='{name}' type='position' body_a='rod' point_a={x},0 direction={{pi/2}} lower=0 restitution=0.5 /\n"
+        f"&sensor name='{name}' quantity='velocity' body='rod' point={x},0 /\n"
+        for name, x in (("left", -0.3), ("right", 0.3))
+    )
+    run = run_deck(f"""&scene gravity=0,-9.81 /
+&body name='rod' mass=1.2 inertia=0.03 position=0,0.15 angle={{pi/6}} /
+{stops}&transient method='dopri5' tolerance=1e-10 t_end=0.25 output_step=0.01 /
+""")
+    assert [(words[1], words[2]) for words in events_of(run)] == [("right", "open")]
+    assert np.abs(run.history["left.y"]).max() < 1e-12
+    assert run.history["right.y"].max() > 0.4 * events_of(run)[0][4]
