@@ -110,7 +110,7 @@ function arguments(k, target,   kind) {
 # --- Fortran
 function real(x) { return x ~ /huge/ ? x "(1.0_wp)" : (x == "" ? "0.0" : x ~ /[.e]/ ? x : x ".0") "_wp" }
 function truth(yes) { return yes ? ".true." : ".false." }
-function text(s) { gsub(/'/, "''", s); return "'" s "'" }
+function text(s) { gsub(/'/, "''", s); gsub(/`/, "", s); return "'" s "'" }
 function head(module, uses) {
   print "!> Made from keys.txt by keys_fortran.awk.\nmodule " module "\n" uses "  implicit none (type, external)\n  private"
 }

@@ -152,6 +152,19 @@ def test_repeated_parts_and_the_flat_deck_are_the_deck_written_by_hand(run_deck,
     assert rows(run_deck(text, "--quiet", name="flat")) == wanted
 
 
+def test_what_an_include_sets_is_read_where_it_stands(biela, tmp_path):
+    """`w` is that of the part between, not of the deck; a quote in the folder of a table stays one in the flat deck."""
+    folder = tmp_path / "it's"
+    folder.mkdir()
+    (folder / "mid.nml").write_text("&parameter name='w' value=2 /\n&include file='leaf.nml' prefix='l_' set='L=w*3' /\n")
+    (folder / "leaf.nml").write_text("&parameter name='L' value=0 /\n&history name='h' kind='table' file='t.csv' /\n")
+    (folder / "t.csv").write_text("0 1\n1 2\n")
+    text = flat(biela, tmp_path, "&parameter name='w' value=1 /\n&include file='it''s/mid.nml' prefix='m_' /\n")
+    assert "&parameter name='m_l_L' value=6 /" in text
+    assert flat(biela, tmp_path, text) == text
+    assert f"file='{str(tmp_path).replace(chr(39), 2 * chr(39))}/it''s/t.csv'" in text
+
+
 def test_set_reaches_parameters_of_parts_and_is_stated(run_deck, hand):
     run = run_deck(hand, "--quiet", "--set", "left_L=2*L", "--set", "l=0.1", name="set")
     assert "\n! --set L=0.1\n! --set left_L=0.2\n" in run.summary

@@ -1,6 +1,6 @@
 !> Reader of &history.
 module deck_histories
-  use kinds, only: wp, ip
+  use kinds, only: wp
   use readable_text, only: printable
   use whole_file, only: read_file
   use text, only: to_text, quoted
@@ -9,12 +9,12 @@ module deck_histories
   use deck_get, only: same_length
   use deck_numbers, only: decades
   use deck_paths, only: path_from
-  use deck_records, only: history_record, profile_record
+  use deck_records, only: history_record
   use deck_tables, only: read_columns
   use deck_take, only: take
   implicit none (type, external)
   private
-  public :: read_history, read_lists, check_histories, table_files
+  public :: read_history, read_lists, check_histories
 
   integer, parameter :: most_parts = 10000   !! histories that one may be made of, those of its parts included
   integer, parameter :: most_breakpoints = 1000000   !! of a periodic history over a run
@@ -29,7 +29,7 @@ contains
     call take(deck, h)
     call deck%check_order('start', h%start, 'finish', h%finish)
     if (deck%is_choice('table')) then
-      call read_lists(deck, h%at%file, 'time', 'value', h%file, h%columns, h%time, h%values, h%file_digest)
+      call read_lists(deck, h%at%file, 'time', 'value', h%file, h%columns, h%time, h%values)
       if (size(h%time) > 0 .and. deck%is_given('file')) call take_points('file', 'time (column '//to_text(h%columns(1))//')')
       if (size(h%time) > 0 .and. .not. deck%is_given('file')) call take_points('time', 'time')
     end if
@@ -80,17 +80,16 @@ contains
     end subroutine check_ends
   end subroutine read_history
 
-  !> Two lists of equal length, of the open group or from columns of its file, which keeps the path in which it was found. Size 0:
-  !> they could not be read.
-  subroutine read_lists(deck, from, first, second, file, columns, x, y, found)
+  !> Two lists of equal length, of the open group or from columns of its file, of which the deck keeps a line. Size 0: they could
+  !> not be read.
+  subroutine read_lists(deck, from, first, second, file, columns, x, y)
     class(deck_source), intent(inout) :: deck
     character(*), intent(in) :: from                   !! the deck's file, to which the path is relative
     character(*), intent(in) :: first, second          !! the keys of the lists
-    character(:), allocatable, intent(inout) :: file
+    character(:), allocatable, intent(in) :: file
     integer, allocatable, intent(inout) :: columns(:)  !! 1, 2 if not given
     real(wp), allocatable, intent(inout) :: x(:), y(:) !! [as the file]
-    integer(ip), intent(inout) :: found                !! digest of its text
-    character(:), allocatable :: written, content, problem
+    character(:), allocatable :: path, content, problem
     if (.not. deck%is_given('file')) then
       call deck%need(first)
       call deck%need(second)
@@ -110,21 +109,21 @@ contains
         'columns=1,2 ('//first//', '//second//')')
       return
     end if
-    written = file
-    file = path_from(from, written)
-    call read_file(file, content, problem)
-    if (len(written) == 0) then
+    path = path_from(from, file)
+    call read_file(path, content, problem)
+    if (len(file) == 0) then
       problem = ' is empty, expected the name of a table of numbers beside this deck'
     else if (len(problem) > 0) then
       problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
     else
-      found = digest(content)
       call read_columns(content, columns, x, y, problem)
+      deck%tables = deck%tables//'! '//deck%group_word(deck%current)//' '//deck%prefix()//deck%peek('name')//': '// &
+                    to_text(size(x))//' points of '//path//', digest '//to_text(digest(content))//achar(10)
       if (len(problem) > 0) problem = ' '//problem
     end if
     if (len(problem) == 0) return
     x = [real(wp) ::]
-    call deck%complain('file', 'file='//quoted(printable(written, 80))//problem)
+    call deck%complain('file', 'file='//quoted(printable(file, 80))//problem)
   end subroutine read_lists
 
   !> Reports sums, products, switches and sequences that contain themselves or too many others, and periods that are too short.
@@ -178,30 +177,4 @@ contains
         ' s, expected a start nearer to t = 0')
     end subroutine check_period
   end subroutine check_histories
-
-  !> A line for each file from which a table was read: part of the deck's text, so that a restart notices a changed table.
-  function table_files(list, profiles) result(text)
-    type(history_record), intent(in) :: list(:)
-    type(profile_record), intent(in) :: profiles(:)
-    character(:), allocatable :: text
-    integer :: k
-    text = ''
-    do k = 1, size(list)
-      if (allocated(list(k)%file)) text = text//line('history '//trim(list(k)%name), size(list(k)%time), list(k)%file, &
-                                                     list(k)%file_digest)
-    end do
-    do k = 1, size(profiles)
-      if (allocated(profiles(k)%file)) text = text//line('profile '//trim(profiles(k)%name), size(profiles(k)%x), &
-                                                         profiles(k)%file, profiles(k)%file_digest)
-    end do
-  contains
-    !> One of them.
-    function line(what, points, file, found)
-      character(*), intent(in) :: what, file
-      integer, intent(in) :: points
-      integer(ip), intent(in) :: found       !! digest of its text
-      character(:), allocatable :: line
-      line = '! '//what//': '//to_text(points)//' points of '//file//', digest '//to_text(found)//achar(10)
-    end function line
-  end function table_files
 end module deck_histories

@@ -19,7 +19,7 @@ module deck_reader
   use deck_overrides, only: add_override, check_overrides
   use deck_parameters, only: compute_values, parameter_value
   use deck_properties, only: read_parameter, read_material, read_section
-  use deck_histories, only: read_history, check_histories, table_files
+  use deck_histories, only: read_history, check_histories
   use deck_profiles, only: read_profile
   use deck_bodies, only: read_body
   use deck_joints, only: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
@@ -55,6 +55,7 @@ contains
     d%path = path
     d%name = deck_name(path)
     allocate (list(0), source%parts%overrides(0))
+    source%tables = ''
     if (present(settings)) then
       do k = 1, size(settings)
         call add_override(source, trim(settings(k)), '', 0, 0)
@@ -93,7 +94,7 @@ contains
       if (p(k)%source == 0) d%settings = d%settings//'! --set '//trim(d%parameters(k)%name)//'='// &
         exact_text(d%parameters(k)%value)//achar(10)
     end do
-    d%text = text%all()//table_files(d%histories, d%profiles)//d%settings
+    d%text = text%all()//source%tables//d%settings
     needed = .true.
     if (present(library)) needed = .not. library
     if (needed .and. source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')

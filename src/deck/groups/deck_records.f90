@@ -1,15 +1,15 @@
 !> What a deck says, as plain records: names resolved to indices, defaults filled in, every number checked for its own range. What
 !> is here extends the records that the build makes from `keys.txt`. No mechanics. SI units, angles in radians. `ground` is body 0.
 module deck_records
-  use kinds, only: wp, ip
+  use kinds, only: wp
   use deck_parts, only: column_record, law_record, marker_record
-  use deck_values, only: body_values, controller_record, drive_record, force_record, history_values, joint_values, lump_record, &
-    material_values, modal_record, parameter_values, periodic_values, profile_values, response_record, scene_record, &
+  use deck_values, only: body_values, controller_record, drive_record, force_record, history_record, joint_values, lump_record, &
+    material_values, modal_record, parameter_values, periodic_values, profile_record, response_record, scene_record, &
     section_values, sensor_values, spring_values, static_record, stop_values, transient_values
   implicit none (type, external)
   private
-  public :: column_record, controller_record, drive_record, force_record, law_record, lump_record, marker_record, &
-    modal_record, response_record, scene_record, static_record
+  public :: column_record, controller_record, drive_record, force_record, history_record, law_record, lump_record, marker_record, &
+    modal_record, profile_record, response_record, scene_record, static_record
 
   type, extends(parameter_values), public :: parameter_record
     logical :: set = .false.                 !! the command line or an &include sets it, not its own group
@@ -38,14 +38,6 @@ module deck_records
     logical :: has_length = .false.          !! distance: false: as assembled
     logical :: as_assembled = .false.        !! revolute: its markers stay where they are assembled, as a pin in its clearance
   end type joint_record
-
-  type, extends(history_values), public :: history_record
-    integer(ip) :: file_digest = 0_ip        !! table: of its file's text
-  end type history_record
-
-  type, extends(profile_values), public :: profile_record
-    integer(ip) :: file_digest = 0_ip        !! points: of their file's text
-  end type profile_record
 
   type, extends(spring_values), public :: spring_record
     logical :: has_free = .false.            !! false: free length or angle as assembled

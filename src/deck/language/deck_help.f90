@@ -20,7 +20,7 @@ contains
     t = ''
     name = word(1 + merge(1, 0, index(word, '&') == 1):)
     do g = 1, group_kinds
-      if (group_names(g) == name) t = t//'&'//name//': '//plain(group_meanings(g))//lf//keys_of(g, '')//lf
+      if (group_names(g) == name) t = t//'&'//name//': '//trim(group_meanings(g))//lf//keys_of(g, '')//lf
     end do
     do g = 1, group_kinds
       if (any([(keys(k)%name == word, k=first_key(g), last_key(g))])) t = t//'&'//trim(group_names(g))//lf//keys_of(g, word)//lf
@@ -57,21 +57,10 @@ contains
         if (v%required) line = line//', required'
         if (v%default /= '') line = line//', default '//trim(v%default)
         if (v%kinds /= 0) line = line//', with '//kinds_text(keys(choice), v%kinds)
-        t = t//wrapped(line, 2, 4)//wrapped(plain(v%meaning), 6, 6)
+        t = t//wrapped(line, 2, 4)//wrapped(trim(v%meaning), 6, 6)
       end associate
     end do
   end function keys_of
-
-  !> A text without the quotes of the reference's code.
-  pure function plain(s) result(t)
-    character(*), intent(in) :: s
-    character(:), allocatable :: t
-    integer :: i
-    t = ''
-    do i = 1, len_trim(s)
-      if (s(i:i) /= '`') t = t//s(i:i)
-    end do
-  end function plain
 
   !> A text in lines.
   pure function wrapped(s, first, further) result(t)

@@ -20,6 +20,7 @@ module deck_input
   !> A deck with its tables of names; of the open group: what decides which keys apply, and which ones are missing.
   type, extends(group_cursor), public :: deck_source
     type(name_table) :: names(group_kinds)
+    character(:), allocatable :: tables        !! a line for each file of numbers, so that a restart notices a changed one
     logical, allocatable :: body_known(:)      !! bodies whose kind and nodes are known
     logical :: choice_known = .true.           !! it is known what applies; otherwise everything does, and nothing is missing
     logical :: any_choice = .false.            !! it is not to be known
