@@ -27,8 +27,7 @@ module complex_modes
   real(wp), parameter :: rounding_part = 1.0e-10_wp    !! real or imaginary part that is rounding, over the modulus [-]
   real(wp), parameter :: beside = 1.0e-4_wp            !! imaginary part of a second start, over the real one [-]
   real(wp), parameter :: least_share = 0.5_wp          !! share of its motion beyond which a pole belongs to modes [-]
-  real(wp), parameter :: least_response = 1.0e-4_wp    !! part of a response outside the basis that is added, over its size [-]
-  real(wp), parameter :: searched_share = 0.1_wp       !! likewise of an estimate [-]
+  real(wp), parameter :: searched_share = 0.1_wp       !! likewise of an estimate of a pole [-]
 
   !> What the search for poles works with.
   type :: pole_search
@@ -151,7 +150,7 @@ contains
         y(ds%n + 1:) = 0.0_wp
         if (.not. any(abs(y) > 0.0_wp)) cycle
         call ds%solve(y)
-        call add_motion(op, real(y(1:ds%n), wp), least_response, x)
+        call add_motion(op, real(y(1:ds%n), wp), x)
       end do
     end do
   end subroutine add_responses

@@ -52,15 +52,14 @@ contains
     end do
     x = x(:, 1:0)
     do j = 1, size(y, 2)
-      call add_motion(op, y(1:ds%n, j), new, x)
+      call add_motion(op, y(1:ds%n, j), x)
     end do
   end subroutine lowest_motions
 
-  !> Appends what a motion has beside those of a mass-orthonormal basis, if that is more than a given part of it.
-  subroutine add_motion(op, v, least, x)
+  !> Appends what a motion has beside those of a mass-orthonormal basis, if that is more than rounding leaves.
+  subroutine add_motion(op, v, x)
     class(inertia_operator), intent(in) :: op
     real(wp), intent(in) :: v(:)                       !! (n) [any]
-    real(wp), intent(in) :: least                      !! [-]
     real(wp), allocatable, intent(inout) :: x(:, :)    !! (n, p) [1/sqrt(kg)]
     real(wp) :: added(size(v)), mv(size(v)), length    ! [1/sqrt(kg)], [sqrt(kg)], [-]
     real(wp), allocatable :: part(:)
@@ -68,7 +67,7 @@ contains
     if (.not. dot_product(v, mv) > 0.0_wp) return
     added = v/sqrt(dot_product(v, mv))
     call orthonormalise(op, x, added, mv, part, length)
-    if (length > least) x = reshape([x, added], [size(v), size(x, 2) + 1])
+    if (length > new) x = reshape([x, added], [size(v), size(x, 2) + 1])
   end subroutine add_motion
 
   !> One inverse iteration: with r over the shift s, T(s) u = -(s M + G) x - s M r, and the new rates over s are u + x/s.

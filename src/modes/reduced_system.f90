@@ -36,6 +36,7 @@ module reduced_system
     integer :: parts = 0
     logical :: exact = .true.                          !! no coupling was cut
   contains
+    procedure :: make_room
     procedure :: build
     procedure :: find_scale
     procedure :: split_into_parts
@@ -51,6 +52,17 @@ module reduced_system
 
 contains
 
+  !> A system of p motions, whose matrices are zero.
+  pure subroutine make_room(self, p, law)
+    class(reduced_model), intent(inout) :: self
+    integer, intent(in) :: p
+    type(viscoelastic_terms), intent(in) :: law(:)     !! the sets of terms
+    self%p = p
+    self%law = law
+    allocate (self%rigid(p), source=.false.)
+    allocate (self%k(p, p), self%g(p, p), self%c(p, p), self%part(p, p, size(law)), self%scale(p), source=0.0_wp)
+  end subroutine make_room
+
   !> Products of all matrices with the basis.
   subroutine build(self, ds, basis, rigid)
     class(reduced_model), intent(out) :: self
@@ -60,13 +72,9 @@ contains
     complex(wp) :: v(ds%n + ds%rows)
     real(wp), dimension(size(basis, 2)) :: level, g, c ! rounding of K [1/s2], of gyroscopic terms and of damping [1/s]
     integer :: j, r
-    self%p = size(basis, 2)
+    call self%make_room(size(basis, 2), [(ds%groups(r)%law, r=1, size(ds%groups))])
     self%basis = basis
     self%rigid = rigid
-    self%law = [(ds%groups(r)%law, r=1, size(ds%groups))]
-    associate (p => self%p)
-      allocate (self%k(p, p), self%g(p, p), self%c(p, p), self%part(p, p, size(ds%groups)), self%scale(p))
-    end associate
     do j = 1, self%p
       v = ds%padded(cmplx(basis(:, j), 0.0_wp, wp))
       self%k(:, j) = projected(ds%stiffness_product(v, 0))

@@ -10,6 +10,7 @@ module fast_poles
   use reduced_system, only: reduced_model, reduced_poles, usual_unknowns
   use spring_products, only: argument_motions, argument_pull
   use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
+  use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
   public :: pole_list, find_fast_poles
@@ -20,7 +21,6 @@ module fast_poles
   integer, parameter :: least_motions = 5          !! smallest number of motions
   real(wp), parameter :: slow_part = 0.25_wp       !! squared frequency of motions that are left out, over the highest [-]
   real(wp), parameter :: least_part = 1.0e-6_wp    !! smallest stiffness of a segment that takes part, over the whole [-]
-  real(wp), parameter :: slowest_part = 1.0e-5_wp  !! smallest frequency that is not a rigid motion's, over the highest [-]
 
   !> Poles with their motions.
   type :: pole_list
@@ -53,7 +53,6 @@ contains
     call project(m, ev, fast, group, x(:, 1:p), model)
     if (with_joints) call close_loops(m, ev, model)
     call model%find_scale()
-    model%scale = max(model%scale, slowest_part*maxval(model%scale))
     call solve(model, poles, ok)
   end subroutine find_fast_poles
 
@@ -176,13 +175,11 @@ contains
     real(wp), intent(in) :: x(:, :)                !! (n, p) [1/sqrt(kg)]
     type(reduced_model), intent(inout) :: model
     real(wp) :: k(size(x, 1)), c(size(x, 1)), parts(size(x, 1), size(model%law))
+    type(viscoelastic_terms), allocatable :: law(:)
     integer :: j, r
-    model%p = size(x, 2)
+    call move_alloc(model%law, law)
+    call model%make_room(size(x, 2), law)
     model%basis = x
-    associate (p => model%p)
-      allocate (model%rigid(p), source=.false.)
-      allocate (model%k(p, p), model%g(p, p), model%c(p, p), model%part(p, p, size(model%law)), model%scale(p), source=0.0_wp)
-    end associate
     do j = 1, model%p
       call fast%products(m, ev, group, x(:, j), k, c, parts)
       model%k(:, j) = matmul(k, x)

@@ -111,14 +111,10 @@ contains
     integer :: r
     logical :: ok
     kept = pack([(r, r=1, size(parts))], parts > 0.0_wp)
-    model%p = 1
-    model%rigid = [.false.]
-    model%k = reshape([k], [1, 1])
-    model%g = 0*model%k
-    model%c = reshape([c], [1, 1])
-    model%part = reshape(parts(kept), [1, 1, size(kept)])
-    allocate (model%scale(1))
-    model%law = [(segments(kept(r))%law, r=1, size(kept))]
+    call model%make_room(1, [(segments(kept(r))%law, r=1, size(kept))])
+    model%k = k
+    model%c = c
+    model%part(1, 1, :) = parts(kept)
     call model%find_scale()
     call poles%find(model, [1], .true., ok)
     roots = [poles%lambda, conjg(pack(poles%lambda, poles%lambda%im > 0.0_wp))]

@@ -19,7 +19,7 @@ module radau_stages
   real(wp), parameter :: noise = 1.0e-11_wp        !! corrections below that do not shrink are rounding, of the scales [-]
   real(wp), parameter :: fixed_goal = 1.0e-9_wp      !! fixed steps: last correction of Newton's method, of the scales [-]
   real(wp), parameter :: fixed_reduction = 1.0e-7_wp   !! fixed steps: the same, of the first correction [-]
-  real(wp), parameter :: longest_extrapolation = 1.0e3_wp   !! of the last step's polynomial, in lengths of that step [-]
+  real(wp), parameter, public :: most_growth = 5.0_wp  !! of a step: up to it the last step's polynomial is extrapolated [-]
 
   !> Internal variables.
   type, public :: inner_values
@@ -146,7 +146,7 @@ contains
     end do
     if (same_start) return
     do i = 1, 3
-      if (h < longest_extrapolation*self%last_h) then
+      if (h <= (1 + near_length)*most_growth*self%last_h) then
         w = lagrange_weights([0.0_wp, self%method%c], 1 + self%method%c(i)*h/self%last_h)
         self%u(:, i) = matmul(self%last_v, w) - self%v0
         w3 = lagrange_weights(self%method%c, 1 + self%method%c(i)*h/self%last_h)

@@ -8,7 +8,7 @@ module radau_stepper
   use ode_system, only: is_bounded, ode
   use radau_error, only: measure_error, removed_energy
   use radau_method, only: radau_iia, lagrange_weights
-  use radau_stages, only: radau_stage_values, set_up_stages, start_stages, solve_stages, exchange_stages
+  use radau_stages, only: most_growth, radau_stage_values, set_up_stages, start_stages, solve_stages, exchange_stages
   use second_order_system, only: second_order_ode
   use summary_text, only: summary_record
   use time_stepper, only: step_end, trouble_size, trouble_iteration, trouble_accuracy
@@ -21,7 +21,6 @@ module radau_stepper
   real(wp), parameter :: failure_error = 8.0_wp    !! taken as the error of a step whose Newton iteration failed [-]
   real(wp), parameter :: safety = 0.85_wp          !! on the step that the error model predicts [-]
   real(wp), parameter :: prompt_growth = 2.0_wp    !! a step that may grow by more grows at once [-]
-  real(wp), parameter :: most_growth = 5.0_wp      !! of a step [-]
   real(wp), parameter :: least_growth = 1.2_wp     !! a step that may grow by less stays: new matrices would cost more [-]
 
   !> Errors since the step last changed.

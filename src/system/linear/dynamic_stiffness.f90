@@ -9,8 +9,7 @@ module dynamic_stiffness
   use kinds, only: wp
   use accurate_product, only: add_accurate
   use bordered, only: bordered_system
-  use linear_matrices, only: linear_mechanism
-  use linear_pattern, only: ghm_group, union_of_patterns, gather, make_groups
+  use linear_matrices, only: linear_mechanism, ghm_group, union_of_patterns, gather, make_groups
   use mechanism, only: mechanism_model
   use sparse_pattern, only: symmetric_pattern
   implicit none (type, external)
