@@ -136,7 +136,9 @@ def test_the_bound_of_parts_that_do_not_touch_is_that_of_the_worst(run_deck, pai
 
 def test_poles_of_terms_that_a_joint_keeps_at_rest_count_beside_a_damper(run_deck):
     """A weld holds a disc on a GHM spring. Released, its motion makes poles of the terms faster than a vibration beside it."""
-    vibration, own = disc(1.35**2, 0.01, [])
+    damped, _ = disc(1.35**2, 0.01, [])
+    vibration, own = disc(1.35**2, 0.0, [])  # as stiff, without damping: no other motion is extreme
+    vibration = damped + re.sub("'([djs])'", r"'\1\1\1'", vibration)
     held, poles = disc(0.1, 0.0, [(14.0, 1.0, 1.0)])
     held = re.sub("'([djs])'", r"'\1\1'", held).replace("revolute", "weld")
     released, vibrates = largest_step(poles, "rk4"), largest_step(own, "rk4")
