@@ -84,15 +84,8 @@ contains
                 exact_text(c%position(ev%p))//unit//where_closed//': '
         if (surplus) words = words//'these leave no motion that could follow it'
         if (.not. surplus) words = words//'the lengths of its loop do not reach further'
-        associate (r => d%drives(culprit - size(d%joints)))
-          if (r%relative) then
-            words = words//'; relative=.true. adds the history to the assembled value: expected one that starts nearer to 0'
-          else if (r%rate) then
-            words = words//'; expected bodies near where it holds, or relative=.true.: it starts from the assembled value then'
-          else
-            words = words//'; expected a history that starts there, or relative=.true., which adds it to the assembled value'
-          end if
-        end associate
+        words = words//'; expected a history that starts there, bodies near where it holds, or relative=.true., which adds the '// &
+                'history to the assembled value'
       else
         words = name_of(d, culprit)//' stays open by '//gap_text(m, ev, culprit)//where_closed//': '
         if (surplus) words = words//'they leave no motion that could close it, it is one too many'

@@ -10,14 +10,13 @@ module clearance_start
   use errors, only: failure, fault_list
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
+  use position_closing, only: digits_of_decks => small
   use scene_model, only: scene
   use text, only: either, to_text
   use trial_scene, only: assemble_scene, rigid_copy
   implicit none (type, external)
   private
   public :: start_through_clearances
-
-  real(wp), parameter :: same = 1.0e-6_wp           !! a stated velocity that changes by less is kept, of the largest [-]
 
 contains
 
@@ -50,7 +49,7 @@ contains
     end if
     off = merge(abs(v - m%s%v0), 0.0_wp, m%s%stated)
     k = maxloc(off, 1)
-    if (off(k) > same*maxval(abs(v))) then
+    if (off(k) > digits_of_decks*maxval(abs(v))) then
       contradiction = 'velocities that the deck states contradict pins that stand still in their clearances: '// &
         either('angular_velocity', 'velocity', modulo(k, 3) == 0)//' of body "'//trim(d%bodies((k + 2)/3)%name)//'" would be '// &
         to_text(v(k))//either(' rad/s', ' m/s', modulo(k, 3) == 0)//', not '//to_text(m%s%v0(k))// &

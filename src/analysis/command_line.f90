@@ -57,16 +57,11 @@ contains
         asked%options%restart = .true.
       case ('--quiet')
         asked%options%quiet = .true.
-      case ('--output', '-o')
+      case ('--output', '-o', '--orbit')
         k = k + 1
-        word = argument(k)
-        asked%options%output = word
-        if (len(word) == 0 .or. index(word, '--') == 1) call complain('--output needs a folder', status)
-      case ('--orbit')
-        k = k + 1
-        word = argument(k)
-        asked%options%orbit = word
-        if (len(word) == 0 .or. index(word, '--') == 1) call complain('--orbit needs a folder', status)
+        if (word == '--orbit') asked%options%orbit = argument(k)
+        if (word /= '--orbit') asked%options%output = argument(k)
+        if (len(argument(k)) == 0 .or. index(argument(k), '--') == 1) call complain(word//' needs a folder', status)
       case ('--version')
         call print_words('biela', 'biela '//version//new_line('a'), status)
         return

@@ -22,7 +22,6 @@ module run_deck
   use periodic_analysis, only: run_periodic
   use run_summary, only: begin_results, finish_summary
   use scene_run, only: run_state, prepare_run
-  use tableaux, only: method_names
   use step_advice, only: stability_advice, advise
   use step_monitor, only: method_number
   use step_counts, only: actual_step
@@ -31,7 +30,7 @@ module run_deck
   use static_analysis, only: run_static, refuse_free_bodies
   use summary, only: model_lines
   use summary_text, only: summary_record
-  use text, only: es_text, to_text
+  use text, only: either, es_text, to_text
   use accuracy_run, only: run_to_accuracy
   use transient, only: run_transient, transient_march
   use transient_summary, only: transient_lines
@@ -137,33 +136,30 @@ contains
     type(run_state), intent(in) :: run
     type(stability_advice), intent(in) :: advice
     logical, intent(in) :: check
-    character(:), allocatable :: line
-    character(:), allocatable :: prefix
     logical :: written
-    real(wp) :: h
+    real(wp) :: h                           ! [s]
     integer :: k
     refused = .false.
-    k = method_number(run%d%transient%method)
-    if (.not. run%d%transient%present .or. run%d%transient%adaptive .or. k == 0) return
-    h = fixed_step_of(run)
-    if (h <= advice%safe%step(k)) return
-    refused = .not. (check .or. run%d%transient%accept_unstable)
-    prefix = 'warning: '
-    if (refused) prefix = ''
-    line = 'step = '//es_text(h, 3)//' s is above the safe bound of '//trim(method_names(k))//', '// &
-           es_text(advice%safe%step(k), 3)//' s, set by '//trim(advice%safe%cause(k)%what)//'; expected at most '// &
-           es_text(0.98_wp*advice%lowest(k), 3)//' s, or generalized_alpha, or accept_unstable=.true.'
-    call tell(run%d%transient%at%file//':'//to_text(run%d%transient%at%line)//': transient/step: '//prefix//line)
-    if (.not. refused) return
-    line = advice%text%words%all()
-    written = write_bytes(standard_error, readable(line))
+    associate (r => run%d%transient)
+      k = method_number(r%method)
+      if (.not. r%present .or. r%adaptive .or. k == 0) return
+      h = actual_step(r%output_step, r%step)
+      if (h <= advice%safe%step(k)) return
+      refused = .not. (check .or. r%accept_unstable)
+      call tell(r%at%file//':'//to_text(r%at%line)//': transient/step: '//either('', 'warning: ', refused)//'step = '// &
+        es_text(h, 3)// &
+                ' s is above the safe bound of '//trim(r%method)//', '//es_text(advice%safe%step(k), 3)//' s, set by '// &
+                trim(advice%safe%cause(k)%what)//'; expected at most '//es_text(most_of(advice%lowest(k)), 3)// &
+                ' s, or generalized_alpha, or accept_unstable=.true.')
+    end associate
+    if (refused) written = write_bytes(standard_error, readable(advice%text%words%all()))
   end function step_refused
 
-  !> The fixed step in use.
-  real(wp) function fixed_step_of(run) result(h)   ! [s]
-    type(run_state), intent(in) :: run
-    h = actual_step(run%d%transient%output_step, run%d%transient%step)
-  end function fixed_step_of
+  !> A little less than a bound, so that its rounded digits are below it [s].
+  pure real(wp) function most_of(bound)
+    real(wp), intent(in) :: bound           !! [s]
+    most_of = 0.98_wp*bound
+  end function most_of
 
   !> Whether the step that the deck asks for is stable, in words.
   subroutine deck_step(run, advice, text)
@@ -171,46 +167,43 @@ contains
     type(stability_advice), intent(in) :: advice
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: line
-    real(wp) :: share                       ! of the safe bound [-]
+    real(wp) :: h                           ! [s]
     integer :: k
-    if (.not. run%d%transient%present) return
-    if (run%d%transient%accuracy > 0.0_wp) then
-      call text%line('  this deck: accuracy='//to_text(run%d%transient%accuracy)//': passes that check each other choose the steps')
-      return
-    end if
-    k = method_number(run%d%transient%method)
-    if (k == 0) then
-      line = trim(run%d%transient%method)//', stable with any step for small vibrations: accuracy alone sets it'
-      call text%line('  this deck: '//line)
-      if (run%d%transient%method /= 'generalized_alpha') return
-      do k = 1, run%sys%m%s%permanent
-        associate (c => run%sys%m%s%constraints(k)%item)
+    associate (r => run%d%transient, m => run%sys%m)
+      if (.not. r%present) return
+      k = method_number(r%method)
+      h = actual_step(r%output_step, merge(r%output_step, r%step, r%adaptive))
+      line = trim(r%method)
+      if (r%accuracy > 0.0_wp) then
+        line = 'accuracy='//to_text(r%accuracy)//': passes that check each other choose the steps'
+      else if (k == 0) then
+        line = line//', stable with any step for small vibrations: accuracy alone sets it'
+      else if (advice%safe%step(k) >= huge(1.0_wp)) then
+        line = line//': nothing limits its steps but accuracy'
+      else if (r%adaptive) then
+        line = line//' with tolerance='//to_text(r%tolerance)//': the error control keeps its steps near or below the current bound'
+      else
+        line = line//' with step='//to_text(h)//' s, {step_of_safe_bound %} of the safe bound: '
+        if (h > advice%safe%step(k)) then
+          line = line//'above that bound'
+        else if (h > advice%lowest(k)) then
+          line = line//'too large where bodies bend as far as the model holds; expected at most '// &
+                 to_text(most_of(advice%lowest(k)))//' s'
+        else if (len(advice%provided) > 0) then
+          line = line//'stable as long as '//advice%provided//' stay as at the start'
+        else
+          line = line//'stable'
+        end if
+      end if
+      call text%line('  this deck: '//line, [h/advice%safe%step(max(k, 1))])
+      if (r%method /= 'generalized_alpha') return
+      do k = 1, m%s%permanent
+        associate (c => m%s%constraints(k)%item)
           if (c%line_turns()) call text%line('    where the line of "'//trim(c%name)//'" turns that is not proven; radau is '// &
                                              'stable there')
         end associate
       end do
-      return
-    else if (advice%safe%step(k) >= huge(1.0_wp)) then
-      line = trim(method_names(k))//': nothing limits its steps but accuracy'
-    else if (run%d%transient%adaptive) then
-      line = trim(method_names(k))//' with tolerance='//to_text(run%d%transient%tolerance)//': the error control keeps '// &
-             'its steps near or below the current bound'
-    else
-      share = fixed_step_of(run)/advice%safe%step(k)
-      line = trim(method_names(k))//' with step='//to_text(fixed_step_of(run))//' s, {step_of_safe_bound %} of '// &
-             'the safe bound: '
-      if (share > 1.0_wp) then
-        line = line//'above that bound'
-      else if (fixed_step_of(run) > advice%lowest(k)) then
-        line = line//'too large where bodies bend as far as the model holds; expected at most '// &
-               to_text(0.98_wp*advice%lowest(k))//' s'
-      else if (len(advice%provided) > 0) then
-        line = line//'stable as long as '//advice%provided//' stay as at the start'
-      else
-        line = line//'stable'
-      end if
-    end if
-    call text%line('  this deck: '//line, [share])
+    end associate
   end subroutine deck_step
 
   !> Runs the analyses with the results folder locked.

@@ -26,14 +26,14 @@ contains
   subroutine begin_results(run, fail)
     type(run_state), intent(in) :: run
     type(failure), intent(inout) :: fail
+    character(*), parameter :: tables(5) = [character(18) :: 'static', 'modes', 'floquet', 'orbit', 'frequency_response']
+    integer :: k
     call announce(run, fail)
     if (fail%happened()) return
     call remove_checkpoint(run%folder)
-    call remove_file(run%folder//'/static.txt')
-    call remove_file(run%folder//'/modes.txt')
-    call remove_file(run%folder//'/floquet.txt')
-    call remove_file(run%folder//'/orbit.txt')
-    call remove_file(run%folder//'/frequency_response.txt')
+    do k = 1, size(tables)
+      call remove_file(run%folder//'/'//trim(tables(k))//'.txt')
+    end do
     call remove_results(run%folder, [character(5) :: '', unfinished])
     call remove_drawn(run%folder)
   end subroutine begin_results

@@ -84,7 +84,7 @@ contains
     end do
   end subroutine odd_materials
 
-  !> Angles beyond a turn where nothing turns, or round ones.
+  !> Angles beyond a turn where nothing turns.
   subroutine degrees(d)
     type(deck), intent(in) :: d
     logical :: turns
@@ -92,7 +92,7 @@ contains
     call check_angle(d%bodies%at, 'angle', d%bodies%angle, turns)
     call check_angle(d%joints%at, 'direction', d%joints%direction, .false.)
     call check_angle(d%drives%at, 'direction', d%drives%direction, .false.)
-    call check_angle(d%springs%at, 'free_angle', merge(d%springs%free, 0.0_wp, d%springs%type == 'torsional'), .true.)
+    call check_angle(d%springs%at, 'free_angle', merge(d%springs%free, 0.0_wp, d%springs%type == 'torsional'), turns)
     call check_angle(d%stops%at, 'direction', d%stops%direction, .false.)
     call check_angle(d%stops%at, 'lower', merge(d%stops%lower, 0.0_wp, d%stops%type == 'rotation'), turns)
     call check_angle(d%stops%at, 'upper', merge(d%stops%upper, 0.0_wp, d%stops%type == 'rotation'), turns)
@@ -105,7 +105,7 @@ contains
       real(wp), intent(in) :: angle            !! [rad]
       logical, intent(in) :: may_turn          !! more than a turn may be meant
       if (abs(angle) <= 2*pi + 1.0e-9_wp .or. abs(angle) >= huge(1.0_wp)) return
-      if (may_turn .and. abs(angle/5 - anint(angle/5)) > 1.0e-9_wp) return
+      if (may_turn) return
       call warn(at, name//'='//to_text(angle)//' is '//to_text(anint(10*abs(angle)/(2*pi))/10)// &
                 ' turns: degrees for radians?')
     end subroutine check_angle

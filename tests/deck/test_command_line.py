@@ -31,7 +31,7 @@ def call(biela: Path, folder: Path, *arguments: str, given: str = "") -> subproc
         (["--quiet"], "no deck given"),
         (["--chek", "a.nml"], "unknown option --chek, did you mean --check?"),
         (["-x"], "unknown option -x"),
-        (["a.nml", "-o"], "--output needs a folder"),
+        (["a.nml", "-o"], "-o needs a folder"),
         (["-", "-"], "standard input (-) holds one deck"),
         (["a.nml", "--output"], "--output needs a folder"),
         (["--output", "", "a.nml"], "--output needs a folder"),

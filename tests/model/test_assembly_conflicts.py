@@ -142,7 +142,7 @@ def test_a_drive_beside_the_loop_of_flexible_arms_is_told_where_it_stands(run_de
     words = told(run_deck, TWO_MOTORS.format(1.9))
     pattern = r'drive "db" in line 13 starts at 1\.9 rad, but its bodies stand at (\S+) rad where all others are closed: '
     found = re.match(pattern, words)
-    assert "these leave no motion that could follow it; expected a history that starts there, or relative=.true." in words
+    assert "these leave no motion that could follow it; expected a history that starts there, bodies near" in words
     end = np.array([0.5 * np.cos(1.0), 0.5 * np.sin(1.0)])
     reach = 0.8 - end[0], -end[1]
     stands = float(found[1])

@@ -267,3 +267,36 @@ def test_a_row_at_a_jump_shows_one_side(method, run_deck):
     assert max(run.transient["estimated_errors"].values()) < 1e-4
     start = run_deck(JUMPS.format(method).replace("start=0.1", "start=0"), name="start")
     assert [start.history[column][0] for column in ("fr.f", "fr.state", "o.out", "o.limited")] == pytest.approx([-5, 1, 2, 1])
+
+
+def test_a_row_between_the_times_of_one_event_is_left_out(run_deck):
+    """A spring throws a mass onto a wall at 0.1 s, a row: half a steps' error before it in one run, behind it in the other."""
+    hit = 0.1 - 1e-5  # fixed steps are 1.9e-5 s late, half of them 1e-6 s
+    run = run_deck(
+        f"""&body name='b' mass=1.0 inertia=1.0 position=0.3,0.0 /
+&joint name='g' type='prismatic' body_a='b' /
+&spring name='k' type='linear' body_a='b' point_b=-5.0,0.0 stiffness={(np.pi / 2 / hit) ** 2!r} free_length=5.0 /
+&stop name='w' type='position' body_a='b' lower=0.0 restitution=0.5 /
+&sensor name='v' quantity='velocity' body='b' /
+&transient t_end=0.15 output_step=0.05 method='rk4' step=0.025 check_error=.true. /
+"""
+    )
+    found = run.transient
+    assert found["events_compared"] == 1
+    assert 1.5e-5 < found["event_time_error"] < 2.2e-5
+    assert found["estimated_errors"]["v.x[m/s]"] < 1e-2  # not 7 m/s, by which the wall throws it back
+
+
+def test_unlike_events_of_one_stop_differ_from_the_earlier_one(run_deck):
+    """Steps of the force's period see it push left; half the steps see its mean, which pushes right: 0.05 m at 0.66 s and 1 s."""
+    run = run_deck(
+        """&body name='b' mass=1.0 inertia=1.0 /
+&joint name='g' type='prismatic' body_a='b' /
+&history name='h' kind='sine' offset=0.1 amplitude=1.0 frequency=10.0 phase={pi/2} /
+&force name='f' body='b' fx=1.0 history='h' /
+&stop name='w' type='position' body_a='b' lower=-0.05 upper=0.05 restitution=0 /
+&transient t_end=1.1 output_step=1.1 method='rk4' step=0.1 check_error=.true. /
+"""
+    )
+    assert run.transient["events_differ_from"] == pytest.approx(0.66, abs=0.01)
+    assert "rows beyond are not predictable" in run.stderr

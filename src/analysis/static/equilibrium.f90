@@ -30,7 +30,6 @@ module equilibrium
   integer, parameter :: most_newton = 60
   integer, parameter :: most_halvings = 10
   integer, parameter :: most_contact_steps = 400     !! of find_contacts
-  real(wp), parameter :: displacement_weight = 1.0e-6_wp   !! in its steps: a body may be far from its stop [-]
   real(wp), parameter :: slowest = 1.0e-3_wp         !! least 1/tau of its steps, over the first [-]
   real(wp), parameter :: contact_growth = 50.0_wp    !! most growth of the residual in its steps: a contact may begin [-]
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
@@ -109,7 +108,7 @@ contains
     rate = largest_acceleration(run)/(largest_turn*run%sys%m%s%size)
     rate = sqrt(merge(rate, 1.0_wp, rate > sqrt(tiny(1.0_wp))))      ! nothing pulls: any step serves
     first = rate
-    do k = 1, most_contact_steps
+    do k = 1, most_contact_steps                     ! of frames that turn little: a body may be far from its stop
       if (report%residual <= tolerance .and. report%gap <= closed) return
       if (rate*epsilon(1.0_wp) > first) return         ! no step helps
       report%steps = k
@@ -126,7 +125,7 @@ contains
       dx = real(r(1:ds%n), wp)
       lambda = run%sys%ev%lambda
       lambda(ds%active) = lambda(ds%active) + real(r(ds%n + 1:), wp)
-      if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run%sys%m, dx, displacement_weight) <= largest_turn) then
+      if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run%sys%m, dx, 0.0_wp) <= largest_turn) then
         call move(run, dx)
         call equations(run, options, ds, r, report, lambda)
         if (report%force <= contact_growth*before%force .and. report%gap <= max(2*before%gap, largest_turn**2)) then

@@ -77,35 +77,28 @@ contains
                       '": the run ended well, or never wrote one; run without --restart to start at t = 0')
       return
     end if
-    bytes = file_size(folder//name)
-    if (bytes < 0) then                       ! a pipe would be waited for
-      call refuse('cannot be read')
-      return
-    else if (bytes < 8*frame .or. mod(bytes, 8_ip) /= 0) then
-      call refuse('is damaged: it is cut off')
-      return
-    end if
-    open (newunit=unit, file=folder//name, access='stream', form='unformatted', status='old', action='read', iostat=status)
-    if (status == 0) read (unit, iostat=status) head
-    if (status == 0 .and. head(4) == bytes/8 - frame) then
-      allocate (words(bytes/8), stat=status)
+    bytes = file_size(folder//name)           ! < 0: no file; a pipe would be waited for
+    status = 1
+    if (bytes >= 0) open (newunit=unit, file=folder//name, access='stream', form='unformatted', status='old', action='read', &
+                          iostat=status)
+    if (status == 0) then
+      read (unit, iostat=status) head
+      if (status == 0 .and. (head(1) /= mark .or. head(4) /= bytes/8 - frame .or. mod(bytes, 8_ip) /= 0)) status = 1
+      if (status == 0) allocate (words(bytes/8), stat=status)
       if (status == 0) read (unit, pos=1, iostat=status) words
+      close (unit)
     end if
-    close (unit)
+    if (status == 0) then
+      if (words(size(words)) /= digest(bytes_of(words(1:size(words) - 1)))) status = 1
+    end if
     if (status /= 0) then
-      call refuse('cannot be read')
-    else if (head(1) /= mark) then
-      call refuse('is not a checkpoint of biela, or its beginning is damaged')
-    else if (.not. allocated(words)) then
-      call refuse('is damaged: its length does not fit')
-    else if (words(size(words)) /= digest(bytes_of(words(1:size(words) - 1)))) then
-      call refuse('is damaged: its checksum does not fit')
+      call refuse('cannot be read, is damaged, or is no checkpoint of biela')
     else if (words(2) /= program_digest()) then
       call refuse('was written by another version or build of biela')
     else if (words(3) /= digest(deck_text//settings)) then
       call refuse('belongs to another deck or other values of --set, or the deck has been changed since')
     else
-      call a%begin_restoring(words(5:4 + head(4)))
+      call a%begin_restoring(words(5:size(words) - 1))
     end if
   contains
     !> Says what is wrong with the checkpoint.

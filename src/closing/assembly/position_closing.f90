@@ -18,7 +18,7 @@ module position_closing
   public :: close_positions, warn_of_drives, warn_of_motion, closed_gap, largest_motion
 
   integer, parameter :: most_newton = 200
-  real(wp), parameter :: small = 1.0e-5_wp          !! |Phi| that bending may close: rounded decks; relative to the size [-]
+  real(wp), parameter, public :: small = 1.0e-5_wp  !! |Phi| that bending may close: rounded decks; relative to the size [-]
   real(wp), parameter :: far = 0.05_wp              !! motion of a frame above which a warning is given, relative to the size [-]
 
 contains
