@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import random
 import re
@@ -163,6 +164,16 @@ def test_what_an_include_sets_is_read_where_it_stands(biela, tmp_path):
     assert "&parameter name='m_l_L' value=6 /" in text
     assert flat(biela, tmp_path, text) == text
     assert f"file='{str(tmp_path).replace(chr(39), 2 * chr(39))}/it''s/t.csv'" in text
+
+
+def test_words_in_quotes_stay_words_in_json(biela, tmp_path):
+    deck = "&scene title='t' gravity=0,-9.81 /\n&body name='12' kind='rigid' mass=2*mm_ inertia=1 /\n".replace("2*mm_", "{2*mm}")
+    deck += "&force name='1e3' body='12' fx=1e3 /\n&transient t_end=1 step=1d-1 method='rk4' accept_unstable=.t. /\n"
+    found = json.loads(flat(biela, tmp_path, deck, "--json"))
+    assert found[0] == {"group": "scene", "title": ["t"], "gravity": [0, -9.81]}
+    assert found[1] == {"group": "body", "name": ["12"], "kind": ["rigid"], "mass": [0.002], "inertia": [1]}
+    assert (found[2]["name"], found[2]["fx"], found[3]["step"]) == (["1e3"], [1000], [0.1])
+    assert found[3]["accept_unstable"] == [True]
 
 
 def test_set_reaches_parameters_of_parts_and_is_stated(run_deck, hand):

@@ -8,7 +8,7 @@ module deck_json
   use deck_cursor, only: group_cursor
   use deck_lexer, only: split_groups
   use deck_numbers, only: read_integer, read_real
-  use deck_syntax, only: null_value, string_value, value_token
+  use deck_syntax, only: string_value, value_token
   implicit none (type, external)
   private
   public :: groups_json
@@ -50,8 +50,6 @@ contains
     character(:), allocatable :: text, problem
     real(wp) :: x                              ! [as the value]
     integer :: n
-    text = 'null'
-    if (token%form == null_value) return
     text = deck%word(token)
     n = 0
     call read_integer(text, n, problem)
