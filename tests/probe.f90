@@ -70,7 +70,7 @@ contains
 
   !> Sizes, offsets and meanings of the unknowns.
   subroutine layout()
-    integer :: b, r, k, e, c, i
+    integer :: b, r, k, e, i, at(2)
     associate (s => run%sys%m%s)
       write (*, '(a, i0)') 'coordinates ', s%nq, 'dissipative ', s%nz, 'rows ', s%rows
       do b = 1, size(s%bodies)
@@ -86,9 +86,9 @@ contains
                 end do
               else
                 do e = body%segments(r)%first, body%segments(r)%last
-                  do c = 4 - body%basis%rows, 3
-                    write (*, '(2a, 3(1x, i0))') 'z element ', trim(body%name), e, c, k
-                  end do
+                  at = [3, e]
+                  if (.not. body%layers%shown) at = findloc(body%layers%row, e) + [3 - size(body%layers%row, 1), 0]
+                  write (*, '(2a, 3(1x, i0))') 'z element ', trim(body%name), at([2, 1]), k
                 end do
               end if
             end do

@@ -23,7 +23,7 @@ contains
     call text%open('cores', '[')
     do b = 1, size(m%s%bodies)
       associate (body => m%s%bodies(b))
-        if (.not. body%flexible .or. .not. allocated(body%layers)) cycle
+        if (.not. body%flexible) cycle
         if (all(body%layers%sections%cores /= 1)) cycle
         omega = lowest_frequency(body)
         if (.not. omega < huge(1.0_wp)) cycle

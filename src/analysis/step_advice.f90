@@ -159,7 +159,7 @@ contains
     if (cause%body == 0) return
     words = 'fewer elements, modes=, axial=.false. or flexible=.false.'
     associate (body => m%s%bodies(cause%body))
-      if (allocated(body%layers)) words = 'fewer elements, modes='//either('', ', axial=.false.', &
+      if (body%layers%shown) words = 'fewer elements, modes='//either('', ', axial=.false.', &
                                           any(body%layers%sections%stretched()))//' or flexible=.false.'
     end associate
     if (cause%rayleigh) words = 'less Rayleigh damping'

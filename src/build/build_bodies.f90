@@ -2,8 +2,7 @@
 module build_bodies
   use kinds, only: wp
   use build_law, only: law_of
-  use build_layers, only: add_layers, elastic_modulus
-  use viscoelastic_law, only: viscoelastic_terms
+  use build_layers, only: add_layers
   use errors, only: fault_list
   use deck_geometry, only: removed_coordinates
   use deck_records, only: deck, body_record
@@ -82,20 +81,13 @@ contains
 
     !> Elastic coordinates, their integrals and what damps them.
     subroutine make_flexible()
-      type(viscoelastic_terms) :: law
-      logical, allocatable :: removed(:, :), viscoelastic(:)
+      logical, allocatable :: removed(:, :)
       integer :: e
       logical :: bad
       associate (r => d%bodies(k))
         b%flexible = .true.
         b%axial = r%axial
-        b%nd = merge(3, 2, r%axial)
         b%stiffening = r%stiffening
-        allocate (viscoelastic(b%ne))
-        do e = 1, b%ne
-          law = law_of(d%materials(b%elements(e)%material)%law)
-          viscoelastic(e) = r%viscoelastic .and. law%order() > 0
-        end do
         removed = removed_coordinates(r)
         b%extra_references = max(count(removed) - 3, 0)
         call number_coordinates(b, with_cores(b, removed, r%slip_held))
@@ -104,7 +96,7 @@ contains
           return
         end if
         call elastic_integrals(b)
-        call find_segments(b, viscoelastic)
+        call find_segments(b)
         do e = 1, size(b%segments)
           b%segments(e)%law = law_of(d%materials(b%segments(e)%material)%law)
         end do
@@ -150,11 +142,10 @@ contains
     integer, intent(in) :: held(:)            !! nodes at which layers do not slip
     logical, allocatable :: all_removed(:, :) !! (3 and cores, nn)
     integer :: e, j, slots
-    slots = 0
-    if (allocated(b%layers)) slots = maxval([0, b%layers%slot])
+    slots = maxval([0, b%layers%slot])
     allocate (all_removed(3 + slots, b%nn), source=.true.)
     all_removed(:3, :) = removed
-    do e = 1, merge(b%ne, 0, slots > 0)
+    do e = 1, b%ne
       associate (kind => b%layers%kinds(b%layers%kind(e)))
         do j = 1, (kind%coordinates - 6)/3
           all_removed(3 + b%layers%slot(j, kind%section), b%en(:, e)) = .false.
@@ -186,32 +177,22 @@ contains
     end if
   end subroutine lay_out_nodes
 
-  !> Geometry, mass and stiffness of the elements.
+  !> Geometry of the elements.
   subroutine set_elements(d, r, b)
     type(deck), intent(in) :: d
     type(body_record), intent(in) :: r
     type(body_model), intent(inout) :: b
-    real(wp) :: dx(2), young
+    real(wp) :: dx(2)
     integer :: e
     allocate (b%elements(b%ne))
     do e = 1, b%ne
-      associate (m => d%materials(r%element_material(e)), s => d%sections(r%element_section(e)), g => b%elements(e))
+      associate (s => d%sections(r%element_section(e)), g => b%elements(e))
         dx = b%x(:, b%en(2, e)) - b%x(:, b%en(1, e))
         g%length = hypot(dx(1), dx(2))
         g%c = dx(1)/g%length
         g%s = dx(2)/g%length
-        g%mass = m%density*s%area*g%length
-        young = elastic_modulus(m, r)
-        g%ea_l = young*s%area/g%length
-        g%ei_l = young*s%inertia/g%length
-        g%ray_m = m%rayleigh_mass
-        g%ray_k = m%law%slower*m%rayleigh_stiffness
-        g%material = r%element_material(e)
         g%fibre = s%fibre
-        g%area = s%area
-        g%second = s%inertia
       end associate
     end do
-    b%rayleigh = any(b%elements%ray_m > 0.0_wp .or. b%elements%ray_k > 0.0_wp)
   end subroutine set_elements
 end module build_bodies

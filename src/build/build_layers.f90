@@ -10,23 +10,20 @@ module build_layers
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: add_layers, elastic_modulus
+  public :: add_layers
 
   integer, parameter :: latest = 8                 !! kinds of element that an element is compared with
   real(wp), parameter :: same_length = 1.0e-12_wp  !! nodes are rounded: lengths that differ by less are one [-]
 
 contains
 
-  !> Gives a body layers, if a section of it has any or shears.
+  !> Mass and stiffness of a body's elements, by the layers of their sections.
   subroutine add_layers(d, r, b, faults)
     type(deck), intent(in) :: d
     type(body_record), intent(in) :: r
     type(body_model), intent(inout) :: b
     type(fault_list), intent(inout) :: faults
     integer :: of(b%ne), e
-    if (.not. any([(d%sections(r%element_section(e))%shear .or. size(d%sections(r%element_section(e))%layers) > 0, e=1, b%ne)])) &
-      return
-    allocate (b%layers)
     call find_sections(d, r, b, of)
     call check_place(r, b, faults)
     call find_slots(b)
@@ -37,6 +34,7 @@ contains
         g%ea_l = section%stretching/g%length
         g%ei_l = section%bending/g%length
         g%softening = kind%softening
+        if (size(section%layers) == 1) g%turn_l = kind%stiffness(size(kind%stiffness))
         g%area = sum(section%layers%area)
         g%second = sum(section%layers%second)
       end associate
@@ -68,6 +66,7 @@ contains
         else
           call one_layer(s, d%materials(pair(2, k)), pair(2, k), r, section)
         end if
+        b%layers%shown = b%layers%shown .or. s%shear .or. size(s%layers) > 0
         b%rayleigh = b%rayleigh .or. any(section%layers%ray_m > 0.0_wp .or. section%layers%ray_k > 0.0_wp)
       end associate
     end do
@@ -186,11 +185,12 @@ contains
     s%layers(1)%thickness = 2*r%fibre
     s%layers(1)%area = r%area
     s%layers(1)%second = r%inertia
-    if (r%shear) s%layers(1)%turning = r%inertia
+    call set_up_section(s)
+    if (.not. r%shear) return
+    s%layers(1)%turning = r%inertia
     factor = r%shear_factor
     if (.not. factor > 0.0_wp) factor = shear_coefficient(trim(r%shape), m%poisson, r%inner/max(r%outer, tiny(1.0_wp)))
     s%layers(1)%shear = factor*s%layers(1)%young/(2*(1 + m%poisson))
-    call set_up_section(s)
   end subroutine one_layer
 
   !> What a material gives to a layer.

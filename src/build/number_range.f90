@@ -69,9 +69,7 @@ contains
     end if
     do e = 1, b%ne
       associate (g => b%elements(e))
-        instantaneous = 1.0_wp
-        if (r%viscoelastic) instantaneous = over_static(g%material)
-        if (allocated(b%layers)) instantaneous = maxval([1.0_wp, over_static(b%layers%kinds(b%layers%kind(e))%material)])
+        instantaneous = maxval([1.0_wp, over_static(b%layers%kinds(b%layers%kind(e))%material)])
         if (value_refused('mass of an element', g%mass, 'kg')) return
         if (value_refused('rotary inertia of an element', g%mass*g%length**2, 'kg m2')) return
         if (value_refused('bending stiffness of an element', g%ei_l/g%length**2, 'N/m')) return

@@ -3,7 +3,7 @@
 module layer_shares
   use kinds, only: wp
   use body, only: body_model
-  use element_law, only: row_energies, row_layers, row_materials, rows_of
+  use element_law, only: rows_of
   use mechanism, only: mechanism_model
   use text, only: to_text
   implicit none (type, external)
@@ -71,7 +71,7 @@ contains
     complex(wp), intent(in) :: s              !! [1/s]
     complex(wp), intent(inout) :: part(0:)    !! [J]
     complex(wp) :: modulus(0:maxval([0, body%segments%material]))   ! over E_R [-]
-    real(wp), allocatable :: energy(:)        ! of each row [J]
+    real(wp), allocatable :: energy(:)        ! rows squared [m2, rad2]
     integer, allocatable :: layer(:), material(:)
     integer :: e, i, r
     modulus = 1.0_wp
@@ -81,14 +81,14 @@ contains
     do e = 1, body%ne
       associate (now => body%basis%element_coordinates(body, e, q), re => body%basis%element_coordinates(body, e, real(x, wp)), &
                  im => body%basis%element_coordinates(body, e, aimag(x)))
-        energy = row_energies(body, e, rows_of(body, e, re, now)) + row_energies(body, e, rows_of(body, e, im, now))
+        energy = rows_of(body, e, re, now)**2 + rows_of(body, e, im, now)**2
       end associate
-      layer = row_layers(body, e)
-      material = row_materials(body, e)
+      layer = body%layers%kinds(body%layers%kind(e))%layer
+      material = body%layers%kinds(body%layers%kind(e))%material
       do i = 1, size(energy)
         if (material(i) > ubound(modulus, 1)) material(i) = 0
         if (material(i) == 0 .or. layer(i) > ubound(part, 1)) layer(i) = 0
-        part(layer(i)) = part(layer(i)) + modulus(material(i))*energy(i)
+        part(layer(i)) = part(layer(i)) + modulus(material(i))*body%layers%kinds(body%layers%kind(e))%stiffness(i)*energy(i)
       end do
     end do
   end subroutine add_body
@@ -98,7 +98,7 @@ contains
     type(body_model), intent(in) :: body
     integer :: k
     n = 0
-    if (.not. allocated(body%layers)) return
+    if (.not. body%flexible) return
     do k = 1, size(body%layers%sections)
       n = max(n, size(body%layers%sections(k)%layers))
     end do

@@ -156,7 +156,7 @@ contains
       type(text_buffer) :: words
       integer :: j, l
       json = ''
-      if (.not. allocated(m%s%bodies(k)%layers)) return
+      if (.not. m%s%bodies(k)%layers%shown) return
       call words%add(', "sections": [')
       associate (b => m%s%bodies(k)%layers)
         do j = 1, size(b%sections)

@@ -10,7 +10,7 @@ dissipative coordinates are as many as the elastic ones, the solver's are their 
 import numpy as np
 import pytest
 from oracle import gradient
-from oracle_parts import section_properties
+from oracle_parts import FOLLOWED, section_properties
 from oracle_probe import Twins, largest_error
 from scenes import MATERIALS, PUSHES, beam, frame, rigid
 
@@ -103,7 +103,7 @@ class Literal:
         """Return the solver's dissipative coordinates that belong to literal ones (size - nq,): delta = B z."""
         found = np.zeros(self.scene.nz)
         for body, *_, lag, term in self.blocks:
-            deformation = body.deformation(values[lag - self.scene.nq])
+            deformation = body.deformation(values[lag - self.scene.nq]) @ FOLLOWED.T
             for number, key in enumerate(self.scene.layout):
                 if key[1] == body.name and key[4] == term:
                     found[number] = deformation[key[2] - 1, key[3] - 1]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from oracle_layers import LayeredBody, is_layered
-from oracle_parts import Body, Integral, as_list, by_name, ghm_terms, make_history, read_deck, section_properties
+from oracle_parts import FOLLOWED, Body, Integral, as_list, by_name, ghm_terms, make_history, read_deck, section_properties
 
 TINY = 1e-30  # complex step
 CIRCLE = np.exp(2j * np.pi * np.arange(16) / 16)
@@ -618,8 +618,11 @@ class Scene:
         if body.ghm:
             units, numbers, _, alpha, *_ = self.slots[body.name]
             for slot in np.flatnonzero(units == element):
+                lag = FOLLOWED @ strain
                 first = body.components[0] - 1
-                total[first:] = total[first:] + alpha[slot] * (strain[first:] - z[numbers[slot]])
+                lag[first:] -= z[numbers[slot]]
+                lag[:first] = 0.0
+                total = total + alpha[slot] * np.linalg.solve(FOLLOWED, lag)
         normal, first_end, second_end = body.d_matrix[element] @ total
         values = {".n": normal, ".q": -(first_end + second_end) / body.length[element], ".m1": -first_end, ".m2": second_end}
         names = as_list(body.record["section"])

@@ -207,6 +207,10 @@ def unit_gauss():
     return 0.5 * (nodes + 1), 0.5 * weights
 
 
+# what dissipative coordinates of an element follow, by its deformations: e, the difference of the end rotations and their mean
+FOLLOWED = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.5, 0.5]])
+
+
 class Body:
     """One body as a cloud of material points, with its elements' strain fields.
 
@@ -375,23 +379,23 @@ class Body:
 
     @property
     def components(self):
-        """Return the numbers of the deformations (1 = e, 2, 3 = phi) or modes that dissipative coordinates follow."""
+        """Return the numbers of what dissipative coordinates follow: rows of `FOLLOWED`, or modes."""
         if self.modal:
             return tuple(range(1, self.nf + 1))
         return (1, 2, 3) if self.axial else (2, 3)
 
     def followed(self, qf):
-        """Return what dissipative coordinates follow, (..., unit, component): deformations, or the modes themselves."""
+        """Return what dissipative coordinates follow, (..., unit, component)."""
         if self.modal:
             return np.repeat(qf[..., None, :], len(self.mode_stiffness), axis=-2)
-        return self.deformation(qf)[..., self.components[0] - 1 :]
+        return (self.deformation(qf) @ FOLLOWED.T)[..., self.components[0] - 1 :]
 
     def followed_stiffness(self):
         """Return the stiffness on what is followed, (unit, component, component)."""
         if self.modal:
             return self.mode_stiffness
         first = self.components[0] - 1
-        return self.d_matrix[:, first:, first:]
+        return (np.linalg.inv(FOLLOWED).T @ self.d_matrix @ np.linalg.inv(FOLLOWED))[:, first:, first:]
 
     # ------------------------------------------------ fields of the elastic coordinates
 

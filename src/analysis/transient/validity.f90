@@ -165,7 +165,7 @@ contains
     do b = 1, size(m%s%bodies)
       associate (body => m%s%bodies(b))
         if (.not. body%flexible) cycle
-        if (allocated(body%layers)) then
+        if (body%layers%shown) then
           text = text//stiff_core(body)//thick_layers(body, max(fastest, frequency_in_use(body)))
           cycle
         end if

@@ -1,4 +1,4 @@
-!> Elements of layered sections and of sections that shear (theory.md, section 16). Coordinates in element axes:
+!> Elements of beams and frames, of one layer or several (theory.md, sections 4 and 16). Coordinates in element axes:
 !> u1 v1 r1 u2 v2 r2, then of each core g1 g2 p: its shear angle at both nodes and the element's own part, which is quadratic.
 !> Deformations in the same order: e phi1 phi2, then g1 g2 p. Strains are at most linear along the element: their mean and
 !> their change make rows whose energies add up, V = 1/2 sum of stiffness times row squared.

@@ -56,8 +56,9 @@ module body
     procedure :: same => shares_nothing
   end type elastic_basis
 
-  !> What a body of layered sections, or of sections that shear, has beside its elements' geometry.
+  !> What a body has beside its elements' geometry.
   type, public :: body_layers
+    logical :: shown = .false.                !! some section has layers or shears
     type(layered_section_model), allocatable :: sections(:)
     type(layered_element_model), allocatable :: kinds(:)   !! elements of one section and one length
     integer, allocatable :: kind(:)           !! (ne)
@@ -78,7 +79,6 @@ module body
     integer :: nn = 0                         !! nodes
     integer :: ne = 0                         !! elements
     integer :: nf = 0                         !! elastic coordinates
-    integer :: nd = 3                         !! deformations kept per element, without layers
     integer :: nz = 0                         !! internal variables
     integer :: extra_references = 0           !! reference conditions beyond the three that are needed
     real(wp) :: mass = 0.0_wp                 !! m [kg]
@@ -90,7 +90,7 @@ module body
     type(beam_geometry), allocatable :: elements(:)
     integer, allocatable :: dof(:, :)         !! (3, nn) number of each nodal coordinate, 0: removed; behind them angles of cores
     integer, allocatable :: edof(:, :)        !! (6, ne) the same by element; with cores more (`layered_element`)
-    type(body_layers), allocatable :: layers
+    type(body_layers) :: layers               !! of beams and frames
     type(lump), allocatable :: lumps(:)
     type(shape_integrals) :: shape            !! of the elastic coordinates, nodal or modal
     type(elastic_operator) :: op              !! their matrices
@@ -105,7 +105,7 @@ module body
     real(wp), allocatable :: v(:)             !! (0:nf) rates, then work [m/s, rad/s]
     real(wp), allocatable :: force(:)         !! (0:nf) Q_f, then m_ff^-1 Q_f; entry 0 is thrown away [N, N m], [m/s2, rad/s2]
     real(wp), allocatable :: coupling(:)      !! (0:nf) m_theta_f, then m_ff^-1 m_theta_f^T; likewise [kg m, kg m2], [m, -]
-    real(wp), allocatable :: d(:, :)          !! deformations: nodes: (nd, ne); modes: (nf, segments) the amplitudes [m, rad]
+    real(wp), allocatable :: d(:, :)          !! deformations: nodes: (1, rows); modes: (nf, segments) the amplitudes [m, rad]
     real(wp), allocatable :: ds(:, :)         !! the same with the terms' differences added [m, rad]
   contains
     procedure :: allocate => allocate_work

@@ -3,7 +3,6 @@ module body_energy
   use kinds, only: wp
   use body, only: body_model, elastic_work
   use elastic_operators, only: bilinear
-  use element_law, only: row_energies, row_layers
   implicit none (type, external)
   private
   public :: kinetic_energy, layer_energy, strain_energy
@@ -60,7 +59,9 @@ contains
     rest%ds = w%d
     energy = 0.0_wp
     do e = 1, b%ne
-      energy = energy + 0.5_wp*sum(row_energies(b, e, b%basis%element_strain(b, e, rest)), row_layers(b, e) == layer)
+      associate (kind => b%layers%kinds(b%layers%kind(e)))
+        energy = energy + 0.5_wp*sum(kind%stiffness*b%basis%element_strain(b, e, rest)**2, kind%layer == layer)
+      end associate
     end do
     do r = 1, size(b%segments)
       if (b%segments(r)%layer == layer) energy = energy + b%segments(r)%stored(b%segments(r)%width, &

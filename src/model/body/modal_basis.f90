@@ -3,7 +3,7 @@
 module modal_basis
   use kinds, only: wp
   use body, only: body_model, elastic_basis, elastic_work
-  use element_law, only: row_materials, rows_of
+  use element_law, only: rows_of
   use marker, only: marker_model
   use triplets, only: triplet_matrix
   implicit none (type, external)
@@ -83,7 +83,8 @@ contains
     integer :: r
     d = rows_of(b, e, self%element_coordinates(b, e, w%q(1:)))
     do r = 1, size(b%segments)
-      d = merge(rows_of(b, e, self%element_coordinates(b, e, w%ds(:, r))), d, row_materials(b, e) == b%segments(r)%material)
+      d = merge(rows_of(b, e, self%element_coordinates(b, e, w%ds(:, r))), d, &
+                b%layers%kinds(b%layers%kind(e))%material == b%segments(r)%material)
     end do
   end function element_strain
 

@@ -1,22 +1,23 @@
-!> Flexible bodies in nodal coordinates: deformations element by element, the forces that they ask for, their energy.
+!> Flexible bodies in nodal coordinates: rows of deformations element by element, the forces that they ask for, their energy
+!> (theory.md, sections 4 and 16). Each row of an element is a column of the deformations; the rows that one segment follows stand
+!> side by side.
 module nodal_basis
   use kinds, only: wp
   use banded, only: band_factor, band_solve, band_solve_two, same_factor
-  use beam_element, only: beam_geometry, bending
+  use beam_element, only: beam_geometry
   use body, only: body_model, elastic_basis, elastic_work
-  use element_law, only: add_geometric, axial_force, forces_of, parts_of, segment_of, stiffness_part
-  use layered_element, only: most_coordinates
+  use element_law, only: add_geometric, forces_of, parts_of, stiffness_part
+  use layered_element, only: layered_element_model, most_coordinates
   use marker, only: marker_model
-  use segment_model, only: strain_product
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: to_element
 
   !> A basis of nodal coordinates.
   type, extends(elastic_basis), public :: nodal_model
     type(band_factor) :: mff                        !! factor of m_ff
     logical :: straight = .true.                    !! all elements along body x
+    integer, allocatable :: at(:, :)                !! (0:6, ne) column of an element's first row, its ends' coordinates
   contains
     procedure :: deform
     procedure :: add_stress
@@ -32,37 +33,79 @@ module nodal_basis
 
 contains
 
-  !> Deformations (e, phi1, phi2) of every element, or (phi1, phi2) without axial deformation.
+  !> Rows of all elements.
   pure subroutine deform(self, b, q, d)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
-    real(wp), intent(inout), contiguous :: d(:, :)  !! (nd, ne) [m, rad, rad]
-    call element_deformations(b%ne, b%nd, b%nf, b%elements, b%stiffening, self%straight, b%edof, q, d)
+    real(wp), intent(inout), contiguous :: d(:, :)  !! (1, rows of all elements) [m, rad]
+    call element_rows(b, b%ne, b%elements, self%at, b%stiffening, self%straight, q, d)
   end subroutine deform
 
-  !> The same as plain arrays, with the terms of stiffening or without.
-  pure subroutine element_deformations(ne, nd, nf, elements, stiffening, straight, edof, q, d)
-    integer, intent(in) :: ne, nd, nf
+  !> As plain arrays, with the terms of stiffening or without. Of one layer the rows are (e, phi2 - phi1, (phi1 + phi2)/2), or the
+  !> last two without axial deformation.
+  pure subroutine element_rows(b, ne, elements, at, stiffening, straight, q, d)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: ne
     type(beam_geometry), intent(in) :: elements(ne)
+    integer, intent(in) :: at(0:6, ne)
     logical, intent(in) :: stiffening, straight
-    integer, intent(in) :: edof(6, ne)
-    real(wp), intent(in) :: q(0:nf)                 !! [m, rad]
-    real(wp), intent(inout) :: d(nd, ne)            !! [m, rad, rad]
-    real(wp) :: a(6), psi
-    integer :: e
+    real(wp), intent(in) :: q(0:*)                  !! (0:nf) [m, rad]
+    real(wp), intent(inout) :: d(*)                 !! (rows of all elements) [m, rad]
+    real(wp) :: a(6), psi, slope(2)
+    integer :: e, i
     do e = 1, ne
-      a = q(edof(:, e))
-      if (.not. straight) call to_element(elements(e)%c, elements(e)%s, a)
-      psi = (a(5) - a(2))/elements(e)%length
-      associate (p1 => d(nd - 1, e), p2 => d(nd, e))
-        p1 = a(3) - psi
-        p2 = a(6) - psi
-        if (nd == 3) d(1, e) = a(4) - a(1)
-        if (stiffening) d(1, e) = d(1, e) + elements(e)%length*(0.5_wp*psi**2 + (2*p1**2 - p1*p2 + 2*p2**2)/30)
+      associate (g => elements(e))
+        a = q(at(1:, e))
+        if (.not. straight) call to_element(g%c, g%s, a)
+        psi = (a(5) - a(2))/g%length
+        a(4) = a(4) - a(1)
+        if (stiffening) then
+          slope = end_slopes(g, a, psi)
+          a(4) = a(4) + g%length*(0.5_wp*psi**2 + (2*slope(1)**2 - slope(1)*slope(2) + 2*slope(2)**2)/30)
+        end if
+        if (g%turn_l > 0.0_wp) then
+          i = at(0, e)
+          if (b%axial) then
+            d(i) = a(4)
+            i = i + 1
+          end if
+          d(i) = a(6) - a(3)
+          d(i + 1) = 0.5_wp*(a(3) + a(6)) - psi
+        else
+          associate (k => b%layers%kinds(b%layers%kind(e)))
+            call add_rows(size(k%stiffness), k%deformations, k%rows, &
+                          [a(4), a(3) - psi, a(6) - psi, q(b%edof(7:k%coordinates, e))], b%layers%row(1, e), d)
+          end associate
+        end if
       end associate
     end do
-  end subroutine element_deformations
+  end subroutine element_rows
+
+  !> Slopes of an element's axis at both ends against the chord.
+  pure function end_slopes(g, a, psi) result(slope)
+    type(beam_geometry), intent(in) :: g
+    real(wp), intent(in) :: a(6)                    !! coordinates, element axes [m, rad]
+    real(wp), intent(in) :: psi                     !! turn of the chord [rad]
+    real(wp) :: slope(2)                            !! [rad]
+    slope = [a(3), a(6)] - psi - g%softening*(0.5_wp*(a(3) + a(6)) - psi)
+  end function end_slopes
+
+  !> Rows of an element from its deformations.
+  pure subroutine add_rows(rows, n, matrix, x, at, d)
+    integer, intent(in) :: rows, n
+    real(wp), intent(in) :: matrix(rows, n)         !! [-], [m]
+    real(wp), intent(in) :: x(n)                    !! [m, rad]
+    integer, intent(in) :: at(rows)                 !! places of the rows
+    real(wp), intent(inout) :: d(*)                 !! [m, rad]
+    real(wp) :: y(rows)
+    integer :: j
+    y = 0.0_wp
+    do j = 1, n
+      y = y + matrix(:, j)*x(j)
+    end do
+    d(at) = y
+  end subroutine add_rows
 
   !> Turns the displacements of an element from body axes into element axes.
   pure subroutine to_element(c, s, a)
@@ -77,67 +120,86 @@ contains
     a(5) = c*v - s*u
   end subroutine to_element
 
-  !> Forces along and across an element and end moments that its deformations ask for: D ds, with the terms of stiffening, whose
-  !> chord turns by psi.
-  pure function element_stress(g, nd, stiffening, d, ds, psi) result(s)
-    type(beam_geometry), intent(in) :: g
-    integer, intent(in) :: nd                       !! 3, or 2 without axial deformation
-    logical, intent(in) :: stiffening
-    real(wp), intent(in) :: d(nd), ds(nd)           !! deformations, and with the terms' differences [m, rad, rad]
-    real(wp), intent(in) :: psi                     !! [rad]
-    real(wp) :: s(4)                                !! axial, transverse [N], end moments [N m]
-    real(wp) :: n
-    s(1) = 0.0_wp
-    if (nd == 3) s(1) = g%ea_l*ds(1)
-    s(3) = g%ei_l*(bending(1, 1)*ds(nd - 1) + bending(1, 2)*ds(nd))
-    s(4) = g%ei_l*(bending(2, 1)*ds(nd - 1) + bending(2, 2)*ds(nd))
-    if (stiffening) then
-      n = s(1)*g%length/30
-      s(3) = s(3) + n*(4*d(2) - d(3))
-      s(4) = s(4) + n*(4*d(3) - d(2))
-    end if
-    s(2) = (s(3) + s(4))/g%length
-    if (stiffening) s(2) = s(2) - s(1)*psi
-  end function element_stress
-
-  !> Adds B^T D ds of all elements, with the terms of stiffening, times a factor to f: forces that the deformations ask for.
+  !> Adds the forces that the deformations ask for, with the terms of stiffening, times a factor to f.
   pure subroutine add_stress(self, b, d, ds, q, factor, f)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! (nd, ne) deformations, and with terms' differences [m, rad, rad]
+    real(wp), intent(in), contiguous :: d(:, :), ds(:, :)   !! (1, rows) deformations, and with terms' differences [m, rad]
     real(wp), intent(in), contiguous :: q(0:)       !! (0:nf) coordinates, entry 0 is zero [m, rad]
     real(wp), intent(in) :: factor                  !! 1, or -1 for forces that they exert [-]
     real(wp), intent(inout), contiguous :: f(0:)    !! (0:nf) [N, N m], entry 0 is thrown away
-    call add_elements(b%ne, b%nd, b%nf, b%elements, b%stiffening, self%straight, b%edof, d, ds, q, factor, f)
+    call add_elements(b, b%ne, b%elements, self%at, self%straight, ds, q, factor, f)
   end subroutine add_stress
 
-  !> The same as plain arrays.
-  pure subroutine add_elements(ne, nd, nf, elements, stiffening, straight, edof, d, ds, q, factor, f)
-    integer, intent(in) :: ne, nd, nf
+  !> As plain arrays.
+  pure subroutine add_elements(b, ne, elements, at, straight, ds, q, factor, f)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: ne
     type(beam_geometry), intent(in) :: elements(ne)
-    logical, intent(in) :: stiffening, straight
-    integer, intent(in) :: edof(6, ne)
-    real(wp), intent(in) :: d(nd, ne), ds(nd, ne)   !! [m, rad, rad]
-    real(wp), intent(in) :: q(0:nf)                 !! [m, rad]
+    integer, intent(in) :: at(0:6, ne)
+    logical, intent(in) :: straight
+    real(wp), intent(in) :: ds(*)                   !! (rows of all elements) [m, rad]
+    real(wp), intent(in) :: q(0:*)                  !! (0:nf) [m, rad]
     real(wp), intent(in) :: factor                  !! [-]
-    real(wp), intent(inout) :: f(0:nf)              !! [N, N m]
-    real(wp) :: s(4), y(6), a(6), psi               ! [N, N m], [N, N m], [m, rad], turn of the chord [rad]
-    integer :: e, k
-    psi = 0.0_wp
+    real(wp), intent(inout) :: f(0:*)               !! (0:nf) [N, N m]
+    real(wp) :: h(most_coordinates), a(6), y(6), slope(2), m(2), n
+    integer :: e, i
     do e = 1, ne
-      if (stiffening) then
-        a = q(edof(:, e))
-        if (.not. straight) call to_element(elements(e)%c, elements(e)%s, a)
-        psi = (a(5) - a(2))/elements(e)%length
-      end if
-      s = factor*element_stress(elements(e), nd, stiffening, d(1, e), ds(1, e), psi)
-      y = [-s(1), s(2), s(3), s(1), -s(2), s(4)]
-      if (.not. straight) call to_element(elements(e)%c, -elements(e)%s, y)
-      do k = 1, 6
-        f(edof(k, e)) = f(edof(k, e)) + y(k)
-      end do
+      associate (g => elements(e))
+        if (g%turn_l > 0.0_wp) then
+          i = at(0, e)
+          h(1) = 0.0_wp
+          if (b%axial) then
+            h(1) = factor*g%ea_l*ds(i)
+            i = i + 1
+          end if
+          y(2) = factor*g%ei_l*ds(i)
+          y(3) = 0.5_wp*factor*g%turn_l*ds(i + 1)
+          h(2) = y(3) - y(2)
+          h(3) = y(3) + y(2)
+        else
+          associate (k => b%layers%kinds(b%layers%kind(e)))
+            call element_forces(k%deformations, size(k%stiffness), k%force, b%layers%row(1, e), ds, h)
+            h(:k%deformations) = factor*h(:k%deformations)
+            do i = 7, k%coordinates
+              f(b%edof(i, e)) = f(b%edof(i, e)) + h(i - 3)
+            end do
+          end associate
+        end if
+        y(2) = 0.0_wp
+        if (b%stiffening) then
+          a = q(at(1:, e))
+          if (.not. straight) call to_element(g%c, g%s, a)
+          y(2) = (a(5) - a(2))/g%length
+          slope = end_slopes(g, a, y(2))
+          n = h(1)*g%length/30
+          m = n*[4*slope(1) - slope(2), 4*slope(2) - slope(1)]
+          h(2:3) = h(2:3) + m - 0.5_wp*g%softening*sum(m)
+          y(2) = -h(1)*y(2)
+        end if
+        y(2) = y(2) + (h(2) + h(3))/g%length
+        y = [-h(1), y(2), h(2), h(1), -y(2), h(3)]
+        if (.not. straight) call to_element(g%c, -g%s, y)
+        do i = 1, 6
+          f(at(i, e)) = f(at(i, e)) + y(i)
+        end do
+      end associate
     end do
   end subroutine add_elements
+
+  !> Forces conjugate to an element's deformations.
+  pure subroutine element_forces(n, rows, matrix, at, ds, h)
+    integer, intent(in) :: n, rows
+    real(wp), intent(in) :: matrix(n, rows)         !! [N/m], [N], [N m]
+    integer, intent(in) :: at(rows)                 !! places of the rows
+    real(wp), intent(in) :: ds(*)                   !! [m, rad]
+    real(wp), intent(out) :: h(n)                   !! [N, N m]
+    integer :: i
+    h = 0.0_wp
+    do i = 1, rows
+      h = h + matrix(:, i)*ds(at(i))
+    end do
+  end subroutine element_forces
 
   !> m_ff^-1 x and m_ff^-1 y by the band factor of m_ff.
   pure subroutine solve_mass(self, n, work, x, y)
@@ -153,35 +215,38 @@ contains
     end if
   end subroutine solve_mass
 
-  !> Twice the axial strain energy and twice that of bending; nothing slips.
-  pure function strain_parts(self, b, q, d) result(parts)
+  !> Twice the energies of axial forces, of bending with what it stretches, and of layers that slip.
+  pure recursive function strain_parts(self, b, q, d) result(parts)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
-    real(wp), intent(in), contiguous, optional :: d(:, :)   !! (nd, ne) [m, rad, rad]
+    real(wp), intent(in), contiguous, optional :: d(:, :)   !! (1, rows of all elements) [m, rad]
     real(wp) :: parts(3)                            !! [J]
-    real(wp), allocatable :: linear(:, :)           ! of the linear strain [m, rad, rad]
-    if (present(d)) then
-      parts(1:2) = energies(b, d)
-    else
-      allocate (linear(b%nd, b%ne))
-      call element_deformations(b%ne, b%nd, b%nf, b%elements, .false., self%straight, b%edof, [0.0_wp, q], linear)
-      parts(1:2) = energies(b, linear)
+    real(wp), allocatable :: x(:, :)                ! [m, rad]
+    real(wp) :: axial                               ! force, then twice its energy [N], [J]
+    integer :: e, i, part, rest
+    if (.not. present(d)) then
+      allocate (x(1, self%columns))
+      call element_rows(b, b%ne, b%elements, self%at, .false., self%straight, [0.0_wp, q], x)
+      parts = self%strain_parts(b, q, x)
+      return
     end if
-    parts(3) = 0.0_wp
-  end function strain_parts
-
-  !> Twice the energies of extensions and of bending.
-  pure function energies(b, d) result(parts)
-    type(body_model), intent(in) :: b
-    real(wp), intent(in), contiguous :: d(:, :)     !! (nd, ne) [m, rad, rad]
-    real(wp) :: parts(2)                            !! [J]
-    integer :: e
     parts = 0.0_wp
     do e = 1, b%ne
-      parts = parts + strain_product(1, b%nd, [b%elements(e)%ea_l], [b%elements(e)%ei_l], d(:, e), d(:, e))
+      associate (kind => b%layers%kinds(b%layers%kind(e)), row => b%layers%row(:, e))
+        rest = merge(3, 2, kind%coordinates > 6)     ! where layers slip, their stretch counts with the slip
+        axial = 0.0_wp
+        do i = 1, size(kind%stiffness)
+          axial = axial + kind%force(1, i)*d(1, row(i))
+          part = merge(rest, 2, kind%shear(i) .or. .not. kind%angle(i))
+          parts(part) = parts(part) + kind%stiffness(i)*d(1, row(i))**2
+        end do
+        axial = axial**2/b%elements(e)%ea_l
+        parts(1) = parts(1) + axial
+        parts(rest) = parts(rest) - axial
+      end associate
     end do
-  end function energies
+  end function strain_parts
 
   !> Axial and shear forces.
   pure real(wp) function largest_force(self, b, w) result(force)   ! [N]
@@ -197,14 +262,14 @@ contains
     end do
   end function largest_force
 
-  !> (e, phi1, phi2) of an element, as the last evaluation left them.
+  !> Rows of an element, as the last evaluation left them.
   pure function element_strain(self, b, e, w) result(d)
     class(nodal_model), intent(in) :: self
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                        !! element
     type(elastic_work), intent(in) :: w
-    real(wp), allocatable :: d(:)                   !! [m, rad, rad]
-    d = [spread(0.0_wp, 1, 3 - b%nd), w%ds(:, e)]
+    real(wp), allocatable :: d(:)                   !! [m, rad]
+    d = w%ds(1, b%layers%row(:size(b%layers%kinds(b%layers%kind(e))%stiffness), e))
   end function element_strain
 
   !> Adds element by element B^T D B at the present deformation, which viscoelastic terms multiply, and the geometric stiffness.
@@ -230,9 +295,9 @@ contains
         else
           call stiffness_part(b, e, part, k)
         end if
-        r = segment_of(b, e, part)
+        r = b%layers%part(part, e)
         if (r > 0 .and. r <= size(segments)) call segments(r)%add_block(at, at, k(:n, :n))
-        if (b%stiffening .and. part == 1) call add_geometric(b, e, axial_force(b, e, w%ds), k)
+        if (b%stiffening .and. part == 1) call add_geometric(b, e, w%ds, k)
         call stiffness%add_block(at, at, k(:n, :n))
       end do
     end do
@@ -269,8 +334,8 @@ contains
     class(elastic_basis), intent(in) :: other
     same = .false.
     select type (other)
-    class is (nodal_model)
-      if (same_type_as(self, other)) same = same_factor(self%mff, other%mff)
+    type is (nodal_model)
+      same = same_factor(self%mff, other%mff)
     end select
   end function same
 end module nodal_basis

@@ -4,7 +4,7 @@
 module section_sensors
   use kinds, only: wp
   use body, only: body_model
-  use element_law, only: forces_of, row_damping, row_materials, rows_of
+  use element_law, only: forces_of, rows_of
   use sensor, only: observation, sensor_model, harmonic_motion
   implicit none (type, external)
   private
@@ -74,7 +74,8 @@ contains
     associate (b => at%m%s%bodies(body))
       d = b%basis%element_strain(b, e, at%ev%elastic(body))
       i = at%m%s%nq + at%m%s%qo(body) + 3
-      if (b%rayleigh) d = d + row_damping(b, e)*rows_of(b, e, b%basis%element_coordinates(b, e, at%y(i + 1:i + b%nf)))
+      if (b%rayleigh) d = d + b%layers%kinds(b%layers%kind(e))%ray_k &
+                          *rows_of(b, e, b%basis%element_coordinates(b, e, at%y(i + 1:i + b%nf)))
     end associate
   end function present_rows
 
@@ -118,7 +119,7 @@ contains
           end associate
         end if
       end associate
-      if (size(b%segments) > 0) material = row_materials(b, e)
+      material = b%layers%kinds(b%layers%kind(e))%material
       do r = 1, size(b%segments)
         if (.not. any(material == b%segments(r)%material)) cycle
         factor = 1 + b%segments(r)%law%ratio(motion%s)
@@ -129,7 +130,7 @@ contains
           end if
         end do
       end do
-      if (b%rayleigh) d = d + row_damping(b, e)*rate
+      if (b%rayleigh) d = d + b%layers%kinds(b%layers%kind(e))%ray_k*rate
     end associate
   end function row_amplitudes
 

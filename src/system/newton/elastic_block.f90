@@ -9,7 +9,7 @@ module elastic_block
   use body, only: body_model
   use body_terms, only: body_equations
   use elastic_operators, only: elastic_operator
-  use element_law, only: add_geometric, axial_force, parts_of, segment_of, stiffness_part
+  use element_law, only: add_geometric, parts_of, stiffness_part
   use layered_element, only: most_coordinates
   use ordering, only: reverse_cuthill_mckee
   implicit none (type, external)
@@ -140,11 +140,11 @@ contains
     k(:n, :n) = 0.0_wp
     at_rest(:n, :n) = 0.0_wp
     g(:n, :n) = 0.0_wp
-    call add_geometric(body, e, axial_force(body, e, eq%w%ds), g)
+    call add_geometric(body, e, eq%w%ds, g)
     do part = 1, parts_of(body, e)
       call stiffness_part(body, e, part, k, eq%w%q(body%edof(:6, e)))
       call stiffness_part(body, e, part, at_rest)
-      r = segment_of(body, e, part)
+      r = body%layers%part(part, e)
       factor = 1.0_wp
       if (r > 0) factor = self%factor(r)
       do j = 1, n

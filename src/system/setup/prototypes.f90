@@ -54,15 +54,15 @@ contains
   logical function same_constants(a, b) result(same)
     type(body_model), intent(in) :: a, b
     same = .false.
-    if (a%nf /= b%nf .or. a%ne /= b%ne .or. a%nd /= b%nd .or. size(a%lumps) /= size(b%lumps)) return
-    if ((a%stiffening .neqv. b%stiffening) .or. (allocated(a%layers) .neqv. allocated(b%layers))) return
+    if (a%nf /= b%nf .or. a%ne /= b%ne .or. size(a%lumps) /= size(b%lumps)) return
+    if (a%stiffening .neqv. b%stiffening) return
     if (size(a%edof, 1) /= size(b%edof, 1)) return
     if (any(a%edof /= b%edof) .or. any(a%lumps%node /= b%lumps%node)) return
     same = equal(4, [a%mass, a%i1, a%i11], [b%mass, b%i1, b%i11]) .and. equal(size(a%lumps), a%lumps%mass, b%lumps%mass) .and. &
            equal(size(a%shape%sbar), a%shape%sbar, b%shape%sbar) .and. equal(a%nf, a%shape%i1f, b%shape%i1f) .and. &
            equal(a%nf, a%shape%c0, b%shape%c0) .and. equal(size(a%shape%pmat), a%shape%pmat, b%shape%pmat) .and. &
-           equal(8*a%ne, constants(a), constants(b))
-    if (same .and. allocated(a%layers)) same = same_layers(a, b)
+           equal(6*a%ne, constants(a), constants(b))
+    if (same) same = same_layers(a, b)
     if (same) same = a%basis%same(b%basis)
   end function same_constants
 
@@ -87,9 +87,9 @@ contains
   !> The elements' constants.
   pure function constants(b) result(x)
     type(body_model), intent(in) :: b
-    real(wp) :: x(8*b%ne)                        ! [-, 1/s, s, m, kg, N/m, N m]
+    real(wp) :: x(6*b%ne)                        ! [-, m, kg, N/m, N m]
     associate (e => b%elements)
-      x = [e%c, e%s, e%ray_m, e%ray_k, e%length, e%mass, e%ea_l, e%ei_l]
+      x = [e%c, e%s, e%length, e%mass, e%ea_l, e%ei_l]
     end associate
   end function constants
 

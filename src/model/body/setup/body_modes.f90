@@ -5,7 +5,7 @@ module body_modes
   use banded, only: band_factor, band_solve
   use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace, inverse_iteration, orthonormalise
   use body, only: body_model
-  use body_setup, only: make_elements
+  use body_setup, only: elements_of
   use elastic_operators, only: factor_entries, mass_product
   use lapack, only: dsyev, dsygvd
   use nodal_basis, only: nodal_model
@@ -28,7 +28,7 @@ module body_modes
     real(wp), allocatable :: rigid(:, :)                 !! (nf, n) free rigid motions, mass-orthonormal [m, rad, over kg^.5 m]
     type(band_factor) :: factor                          !! of K + shift M
     type(body_model) :: body
-    class(nodal_model), allocatable :: elements          !! deformations and forces of its elements
+    type(nodal_model) :: elements                        !! deformations and forces of its elements
     logical :: corrected = .true.                        !! solutions are corrected by their residuals
     logical :: not_converged = .false.                   !! the corrections of one did not converge
   contains
@@ -170,7 +170,7 @@ contains
     logical, intent(in) :: large_shift                   !! of the order of the lowest squared frequency
     logical, intent(out) :: bad                          !! the stiffness is not positive definite
     self%body = b
-    call make_elements(b, self%elements)
+    self%elements = elements_of(b)
     call find_rigid_modes(b, self)
     self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
     if (large_shift) then

@@ -3,7 +3,8 @@ module body_operators
   use kinds, only: wp
   use body, only: body_model
   use elastic_operators, only: elastic_operator
-  use element_law, only: damping_of, element_inertia, inertia_of, parts_of, segment_of, stiffness_part
+  use beam_element, only: deformation_matrix
+  use element_law, only: element_inertia, inertia_of, parts_of, stiffness_part, weighted_stiffness
   use segment_model, only: viscoelastic_segment
   implicit none (type, external)
   private
@@ -22,8 +23,7 @@ contains
     type(element_inertia) :: x
     integer :: e, r, n, nz, i, j, at(2), part, most, parts
     most = size(body%edof, 1)**2
-    parts = 1
-    if (allocated(body%layers)) parts = size(body%layers%part, 1)
+    parts = size(body%layers%part, 1)
     allocate (symmetric(2, most*parts*body%ne), segment(most*parts*body%ne), a(4, most*parts*body%ne))
     allocate (skew(2, most*body%ne + 2*size(body%lumps)), az(most*body%ne + 2*size(body%lumps)))
     n = 0
@@ -31,11 +31,12 @@ contains
     do e = 1, body%ne
       x = inertia_of(body, e)
       c = 0.0_wp
-      call damping_of(body, e, x, c)
+      call weighted_stiffness(body, e, body%layers%kinds(body%layers%kind(e))%ray_k, deformation_matrix(body%elements(e)), c)
+      c = x%c + c
       do part = 1, parts_of(body, e)
         k = 0.0_wp
         call stiffness_part(body, e, part, k)
-        r = segment_of(body, e, part)
+        r = body%layers%part(part, e)
         do j = 1, size(body%edof, 1)
           do i = 1, size(body%edof, 1)
             at = body%edof([i, j], e)

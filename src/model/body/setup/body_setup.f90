@@ -6,13 +6,12 @@ module body_setup
   use element_law, only: element_inertia, inertia_of
   use segment_model, only: viscoelastic_segment
   use elastic_operators, only: factor_entries
-  use layered_basis, only: layered_model
   use marker, only: turn
   use nodal_basis, only: nodal_model
   implicit none (type, external)
   private
   public :: add_rigid_element, number_coordinates, elastic_integrals, make_nodal
-  public :: make_elements, finish_elastic, body_length, find_segments
+  public :: elements_of, finish_elastic, body_length, find_segments
 
 contains
 
@@ -27,7 +26,6 @@ contains
     b%mass = b%mass + w
     b%i1 = b%i1 + w*(xi + d/2)
     b%i11 = b%i11 + w*(dot_product(xi, xi) + dot_product(xi, d) + dot_product(d, d)/3)
-    if (.not. allocated(b%layers)) return
     associate (kind => b%layers%kinds(b%layers%kind(e)))
       d = [-b%elements(e)%s, b%elements(e)%c]
       b%i1 = b%i1 + kind%first*d
@@ -46,7 +44,7 @@ contains
     kept = .not. removed
     if (.not. b%axial) kept(1, :) = .false.
     own = 0
-    do e = 1, merge(b%ne, 0, allocated(b%layers))
+    do e = 1, b%ne
       own(b%en(1, e)) = own(b%en(1, e)) + (b%layers%kinds(b%layers%kind(e))%coordinates - 6)/3
     end do
     allocate (b%dof(size(kept, 1), b%nn), source=0)
@@ -60,7 +58,6 @@ contains
     allocate (b%edof(3*(size(kept, 1) - 1), b%ne), source=0)
     do e = 1, b%ne
       b%edof(:6, e) = reshape(b%dof(:3, b%en(:, e)), [6])
-      if (.not. allocated(b%layers)) cycle
       associate (kind => b%layers%kinds(b%layers%kind(e)))
         do j = 1, (kind%coordinates - 6)/3
           k = 3 + b%layers%slot(j, kind%section)
@@ -118,69 +115,44 @@ contains
   subroutine make_nodal(b, bad)
     type(body_model), intent(inout) :: b
     logical, intent(out) :: bad           !! m_ff is not positive definite
-    class(nodal_model), allocatable :: nodal
+    type(nodal_model) :: nodal
+    real(wp), allocatable :: stiffness(:) ! of each row [N/m], [N m]
     integer :: k, e
-    call make_elements(b, nodal)
+    nodal = elements_of(b)
     call factor_entries(b%op%symmetric, b%op%m + b%op%j, nodal%mff, bad)
     nodal%factors = 1
     nodal%rotation = [(.true., k=1, b%nf)]
     nodal%rotation(pack(b%dof(1:2, :), b%dof(1:2, :) > 0)) = .false.
     nodal%top_frequency = pi**2*minval(sqrt(b%elements%ei_l/b%elements%mass)/b%elements%length)      ! half a wave an element
-    do k = 1, size(b%segments)
-      associate (segment => b%segments(k))
-        if (allocated(b%layers)) then
-          allocate (segment%diagonal(segment%last - segment%first + 1))
-          do e = 1, b%ne
-            associate (row => b%layers%row(:, e), stiffness => b%layers%kinds(b%layers%kind(e))%stiffness)
-              call fill(size(stiffness), row, stiffness, segment)
-            end associate
-          end do
-        else
-          segment%ei_l = b%elements(segment%first:segment%last)%ei_l
-          segment%ea_l = pack(b%elements(segment%first:segment%last)%ea_l, b%axial)
-        end if
+    allocate (stiffness(nodal%columns))
+    do e = 1, b%ne
+      associate (kind => b%layers%kinds(b%layers%kind(e)))
+        stiffness(b%layers%row(:size(kind%stiffness), e)) = kind%stiffness
       end associate
     end do
-    call move_alloc(nodal, b%basis)
-  contains
-    !> The stiffness of an element's rows that a segment follows.
-    pure subroutine fill(n, row, stiffness, segment)
-      integer, intent(in) :: n, row(:)
-      real(wp), intent(in) :: stiffness(n)   !! [N/m], [N m]
-      type(viscoelastic_segment), intent(inout) :: segment
-      integer :: i
-      do i = 1, n
-        if (row(i) >= segment%first .and. row(i) <= segment%last) segment%diagonal(row(i) - segment%first + 1) = stiffness(i)
-      end do
-    end subroutine fill
+    do k = 1, size(b%segments)
+      b%segments(k)%diagonal = stiffness(b%segments(k)%first:b%segments(k)%last)
+    end do
+    allocate (b%basis, source=nodal)
   end subroutine make_nodal
 
   !> What nodal coordinates are but for m_ff.
-  subroutine make_elements(b, nodal)
+  type(nodal_model) function elements_of(b) result(nodal)
     type(body_model), intent(in) :: b
-    class(nodal_model), allocatable, intent(out) :: nodal
-    type(layered_model) :: layered
-    integer :: e, i, k
-    if (allocated(b%layers)) then
-      layered%rows = 1
-      layered%columns = maxval(b%layers%row)
-      allocate (layered%angle(layered%columns))
-      do e = 1, b%ne
-        associate (angle => b%layers%kinds(b%layers%kind(e))%angle)
-          do i = 1, size(angle)
-            layered%angle(b%layers%row(i, e)) = angle(i)
-          end do
-        end associate
-      end do
-      allocate (nodal, source=layered)
-    else
-      allocate (nodal)
-      nodal%rows = b%nd
-      nodal%columns = b%ne
-      nodal%angle = [(k > 3, k=6 - b%nd, 5)]
-    end if
+    integer :: e
+    nodal%rows = 1
+    nodal%columns = maxval(b%layers%row)
+    allocate (nodal%angle(nodal%columns))
+    do e = 1, b%ne
+      associate (angle => b%layers%kinds(b%layers%kind(e))%angle)
+        nodal%angle(b%layers%row(:size(angle), e)) = angle
+      end associate
+    end do
+    allocate (nodal%at(0:6, b%ne))
+    nodal%at(0, :) = b%layers%row(1, :)
+    nodal%at(1:, :) = b%edof(:6, :)
     nodal%straight = all(abs(b%elements%s) <= 0.0_wp .and. b%elements%c >= 0.0_wp)
-  end subroutine make_elements
+  end function elements_of
 
   !> Solutions m_ff^-1 of the shape integrals, and the number of internal variables.
   subroutine finish_elastic(b)
@@ -201,37 +173,9 @@ contains
     end do
   end subroutine finish_elastic
 
-  !> Splits the elements, or the rows of their layers, into segments of one viscoelastic material.
-  pure subroutine find_segments(b, viscoelastic)
-    type(body_model), intent(inout) :: b
-    logical, intent(in) :: viscoelastic(:) !! (ne) whether the element has terms, without layers
-    type(viscoelastic_segment), allocatable :: segments(:)
-    integer :: e, n
-    if (allocated(b%layers)) then
-      call place_rows(b)
-      return
-    end if
-    allocate (segments(b%ne))
-    n = 0
-    do e = 1, b%ne
-      if (.not. viscoelastic(e)) cycle
-      if (n > 0) then
-        if (segments(n)%last == e - 1 .and. segments(n)%material == b%elements(e)%material) then
-          segments(n)%last = e
-          cycle
-        end if
-      end if
-      n = n + 1
-      segments(n)%first = e
-      segments(n)%last = e
-      segments(n)%material = b%elements(e)%material
-    end do
-    b%segments = segments(1:n)
-  end subroutine find_segments
-
   !> Places the rows of all elements among the deformations: elastic ones, then layer by layer along the body what terms follow.
   !> Neighbouring elements whose layer is of the same material share a segment.
-  pure subroutine place_rows(b)
+  pure subroutine find_segments(b)
     type(body_model), intent(inout) :: b
     type(viscoelastic_segment), allocatable :: segments(:)
     integer :: e, i, l, n, columns, layers, rows, last, material, segment
@@ -277,7 +221,7 @@ contains
       end do
     end do
     b%segments = segments(1:n)
-  end subroutine place_rows
+  end subroutine find_segments
 
   !> Largest distance between two points [m].
   pure function body_length(x) result(length)

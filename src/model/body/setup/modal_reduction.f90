@@ -3,7 +3,7 @@
 module modal_reduction
   use kinds, only: wp
   use body, only: body_model
-  use element_law, only: element_inertia, inertia_of, part_rows, parts_of, row_damping, segment_of, strain_products
+  use element_law, only: element_inertia, inertia_of, parts_of, strain_products
   use segment_model, only: viscoelastic_segment
   use sparse_pattern, only: symmetric_pattern
   use body_operators, only: modal_operators
@@ -163,14 +163,14 @@ contains
       end do
       if (b%rayleigh) then
         inertia = inertia_of(b, e)
-        damping = damping + strain_products(b, e, row_damping(b, e), u) &
+        damping = damping + strain_products(b, e, b%layers%kinds(b%layers%kind(e))%ray_k, u) &
                   + matmul(transpose(u), matmul(inertia%c, u))
       end if
       do part = 1, parts_of(b, e)
-        r = segment_of(b, e, part)
+        r = b%layers%part(part, e)
         if (r == 0) cycle
         associate (all => joined(of(b%segments(r)%material)))
-          all%stiffness = all%stiffness + strain_products(b, e, part_rows(b, e, part), u)
+          all%stiffness = all%stiffness + strain_products(b, e, merge(1.0_wp, 0.0_wp, b%layers%row_part(:, e) == part), u)
         end associate
       end do
     end do
