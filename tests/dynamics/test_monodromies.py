@@ -29,7 +29,7 @@ LINK = """! A beam with a GHM term hangs on the pin of a crank that turns.
 
 
 class Link:
-    """The beam: points of Gauss, the two shapes of its free node, its stiffness by (φ1, φ2)."""
+    """The beam: points of Gauss, the two shapes of its free node, its stiffness by φ2 - φ1 and (φ1 + φ2)/2."""
 
     crank, spin, alpha, zeta, omega = 0.05, 12.0, 0.6, 0.8, 60.0
 
@@ -39,8 +39,8 @@ class Link:
         xi = (points + 1) / 2
         self.x, self.mass = length * xi[:, None], (1200 * 2e-4 * length / 2 * weights)[:, None]
         self.shape = np.array([3 * xi**2 - 2 * xi**3, length * (xi**3 - xi**2)])
-        self.strain = np.array([[-1 / length, 0], [-1 / length, 1]])
-        self.stiffness = self.strain.T @ (1e8 * 0.02 * 0.01**3 / 12 / length * np.array([[4, 2], [2, 4]]))
+        self.strain = np.array([[0, 1], [-1 / length, 0.5]])
+        self.stiffness = self.strain.T @ (1e8 * 0.02 * 0.01**3 / 12 / length * np.diag([1, 12]))
         self.lever = (self.shape @ (self.mass * self.x))[:, 0]
         self.bending = (self.shape * self.mass[:, 0]) @ self.shape.T
 
