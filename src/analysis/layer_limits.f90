@@ -4,7 +4,7 @@ module layer_limits
   use kinds, only: wp, pi
   use body, only: body_model
   use layered_section, only: layered_section_model, section_layer
-  use text, only: either, es_text, fixed_text
+  use text, only: either, figure_text
   implicit none (type, external)
   private
   public :: body_sentence, modulus_ratio, thick_layers, stiff_core
@@ -143,9 +143,7 @@ contains
     character(*), intent(in) :: stage                !! words that go before the body: in which analysis
     character(*), intent(in) :: what, rest
     real(wp), intent(in) :: x   !! figure of the sentence [-], [rad] or [rad/s]
-    character(:), allocatable :: text, number
-    number = trim(adjustl(es_text(x, 2)))
-    if (x >= 0.01_wp .and. x < 1.0e4_wp) number = fixed_text(x, 2)
-    text = stage//'body "'//trim(body%name)//'" '//what//' '//number//' '//rest//new_line('a')
+    character(:), allocatable :: text
+    text = stage//'body "'//trim(body%name)//'" '//what//' '//figure_text(x)//' '//rest//new_line('a')
   end function body_sentence
 end module layer_limits

@@ -2,7 +2,7 @@
 module material_band
   use kinds, only: wp, pi
   use scene_run, only: run_state
-  use text, only: fixed_text, short_text, to_text
+  use text, only: figure_text, to_text
   implicit none (type, external)
   private
   public :: outside_band, motion_outside_band
@@ -23,7 +23,7 @@ contains
         outside = frequencies < band(1) .or. frequencies > band(2)
         if (.not. any(outside) .or. .not. any([(feels(run, b, k), b=1, size(run%d%bodies))])) cycle
         text = text//warning(run, k, to_text(count(outside))//' of '//to_text(size(frequencies))//' '//what//', from '// &
-                  figure(minval(frequencies, outside))//' to '//figure(maxval(frequencies, outside))//' Hz, lie')
+                  figure_text(minval(frequencies, outside))//' to '//figure_text(maxval(frequencies, outside))//' Hz, lie')
       end associate
     end do
   end function outside_band
@@ -43,7 +43,7 @@ contains
         associate (band => run%d%materials(k)%band/run%d%materials(k)%law%slower)
           ! what lasts less than a period of the band's end looks faster than it is
           if (f < band(1) .or. (f > band(2) .and. run%sys%ev%t*band(2) >= 1.0_wp)) then
-            text = text//warning(run, k, 'the elastic motion of body "'//trim(run%d%bodies(b)%name)//'", '//figure(f)// &
+            text = text//warning(run, k, 'the elastic motion of body "'//trim(run%d%bodies(b)%name)//'", '//figure_text(f)// &
                                  ' Hz by its mean squares, lies')
           end if
         end associate
@@ -68,16 +68,8 @@ contains
     character(*), intent(in) :: what              !! what lies outside
     character(:), allocatable :: text
     associate (m => run%d%materials(k))
-      text = what//' outside the band of material "'//trim(m%label)//'", '//figure(m%band(1)/m%law%slower)//' to '// &
-             figure(m%band(2)/m%law%slower)//' Hz: its modulus is not known there'//new_line('a')
+      text = what//' outside the band of material "'//trim(m%label)//'", '//figure_text(m%band(1)/m%law%slower)//' to '// &
+             figure_text(m%band(2)/m%law%slower)//' Hz: its modulus is not known there'//new_line('a')
     end associate
   end function warning
-
-  !> A frequency in a sentence.
-  pure function figure(f) result(words)
-    real(wp), intent(in) :: f                     !! [Hz]
-    character(:), allocatable :: words
-    words = short_text(f, 2)
-    if (f >= 0.01_wp .and. f < 1.0e4_wp) words = fixed_text(f, 2)
-  end function figure
 end module material_band

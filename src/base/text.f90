@@ -4,7 +4,7 @@ module text
   implicit none (type, external)
   private
   character(*), parameter, public :: digits = '0123456789', letters = 'abcdefghijklmnopqrstuvwxyz'
-  public :: lower, to_text, es_text, short_text, exact_text, fixed_text, joined, listed, in_quotes, either, quoted, &
+  public :: lower, to_text, es_text, short_text, exact_text, figure_text, fixed_text, joined, listed, in_quotes, either, quoted, &
     nearest_word, meant_word, word_hash
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
@@ -102,6 +102,14 @@ contains
     if (abs(x) < 1.0e9_wp) write (buffer, '(f24.'//to_text(decimals)//')') x
     t = trim(adjustl(buffer))
   end function fixed_text
+
+  !> A real of a sentence: with two decimals, where these say enough.
+  pure function figure_text(x) result(t)
+    real(wp), intent(in) :: x          !! not negative [-]
+    character(:), allocatable :: t
+    t = short_text(x, 2)
+    if (x >= 0.01_wp .and. x < 1.0e4_wp) t = fixed_text(x, 2)
+  end function figure_text
 
   !> A real to 6 figures, without blanks and without useless zeros: 0.35, -2, 1.5e-7.
   pure function real_text(x) result(t)

@@ -8,7 +8,7 @@ module build_loads
   use deck_records, only: column_record, deck, force_record, spring_record, stop_record, transient_record
   use errors, only: fault_list
   use force_element, only: append, force_model, stage_all, stage_static, stage_transient
-  use loads, only: central_torque_model, load_model, point_force_model, torque_model
+  use loads, only: load_model
   use scene_model, only: scene
   use stop_row, only: stop_row_model
   use measure, only: measure_model
@@ -197,15 +197,14 @@ contains
     class(force_model), allocatable, intent(out) :: item
     type(factor_list), intent(inout) :: list       !! of factors that follow motions
     type(fault_list), intent(inout) :: faults
-    class(load_model), allocatable :: l
-    select case (r%type)
-    case ('torque')
-      l = torque_model(moment=r%moment)
-    case ('torque_about')
-      l = central_torque_model(moment=r%moment, centre=r%centre)
-    case default
-      l = point_force_model(f=[r%fx, r%fy], in_frame=r%axes == 'body', in_section=r%axes == 'section')
-    end select
+    type(load_model), allocatable :: l
+    allocate (l)
+    if (r%type == 'force') l%f = [r%fx, r%fy]
+    if (r%type /= 'force') l%moment = r%moment
+    l%in_frame = r%axes == 'body'
+    l%in_section = r%axes == 'section'
+    l%central = r%type == 'torque_about'
+    if (l%central) l%centre = r%centre
     l%acts(1:2) = r%type /= 'torque'
     l%acts(3) = r%type == 'torque'
     l%name = r%name

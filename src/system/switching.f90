@@ -7,7 +7,8 @@ module switching
   use marker_motion, only: marker_kinematics
   use mechanism, only: mechanism_model
   use root_watch, only: most_roots, watched_roots
-  use stops, only: stop_model, stop_rebound
+  use measure, only: sunken
+  use stops, only: stop_rebound
   implicit none (type, external)
   private
   public :: start_states, watch_roots, pass_events, element_name, is_rigid_stop, state_word, sunken_stop, too_soft
@@ -139,10 +140,7 @@ contains
     found = 0
     do i = 1, m%s%stops
       if (ev%switches%state(i) == 0 .or. is_rigid_stop(m, i)) cycle
-      select type (stop => m%s%forces(m%s%switching(i))%item)
-      class is (stop_model)
-        if (stop%measure%sunk(ev%p)) found = i
-      end select
+      if (m%s%forces(m%s%switching(i))%item%measure%sunk(ev%p)) found = i
     end do
   end function sunken_stop
 
@@ -151,8 +149,8 @@ contains
     type(mechanism_model), intent(in) :: m
     integer, intent(in) :: i                  !! its number
     character(:), allocatable :: text
-    text = 'stop "'//element_name(m, i)//'" is softer than its own curvature: the follower is in the profile by more than nine '// &
-           'tenths of its radius of curvature, where the normal of the contact loses its direction; expected a larger stiffness'
+    text = 'stop "'//element_name(m, i)//'" is softer than its own curvature: the follower is '//sunken// &
+           '; expected a larger stiffness'
   end function too_soft
 
   !> The name of an element.

@@ -105,6 +105,15 @@ def test_a_spring_along_a_guide_does_not_turn(run_deck):
         assert safe_bound(run_deck, deck, "rk4") >= safe_bound(run_deck, loose, "rk4")
 
 
+@pytest.mark.parametrize("turning", [TURNING, PULLED])
+def test_a_spring_that_cannot_turn_hides_none_behind_it(run_deck, turning):
+    """A torsion spring and one along a guide, both far too soft to matter, before or behind the spring that turns."""
+    still = GUIDED.format(point="0.0,1.0").replace("name='s'", "name='g'").replace("1.0e4", "1.0e-3")
+    still += "&spring name='t' type='torsional' body_a='p' stiffness=1.0e-9 /\n"
+    bounds = [safe_bound(run_deck, deck, "rk4") for deck in (still + turning, turning + still)]
+    assert bounds[0] == pytest.approx(bounds[1], rel=1e-9) == pytest.approx(safe_bound(run_deck, turning, "rk4"), rel=1e-3)
+
+
 def test_the_pull_of_a_stretched_spring_counts(run_deck):
     """A body on a lever of 0.1 m under 30 kN: F lever/I, more than the spring's own stiffness gives."""
     lever, force, inertia = 0.1, 3.0e4, 1.0e-3

@@ -16,7 +16,7 @@ module mechanism_events
   use slipping, only: painleve_ratio
   use stops, only: stop_model, stop_rebound
   use switch_tally, only: joint_tally, element_tally
-  use switching, only: event_list, is_rigid_stop, pass_events, start_states, sunken_stop, switch_event, watch_roots
+  use switching, only: event_list, is_rigid_stop, pass_events, start_states, switch_event, watch_roots
   implicit none (type, external)
   private
 
@@ -423,6 +423,7 @@ contains
     real(wp), intent(in) :: h               !! [s]
     real(wp), intent(in) :: g0(:), rate0(:), g1(:), rate1(:)   !! (roots) [any], [any/s]
     integer :: i, k
+    self%sunk = 0
     do i = 1, self%m%s%stops
       k = most_roots*(i - 1) + 1            ! the penetration
       associate (element => self%m%s%switching(i), state => self%ev%switches%state(i))
@@ -432,6 +433,7 @@ contains
         class is (stop_model)
           call self%tally(i)%note_step(stop, conditions_of(self%m, self%ev, element), self%follows_stiffness, h, &
                                        [g0(k), g1(k)], [rate0(k), rate1(k)])
+          if (stop%measure%sunk(self%ev%p)) self%sunk = i
         end select
       end associate
     end do
@@ -444,7 +446,6 @@ contains
         end associate
       end associate
     end do
-    self%sunk = sunken_stop(self%m, self%ev)
     self%fault = self%fault .or. self%sunk > 0
     call limit_steps(self)
     if (.not. allocated(self%painleve)) return

@@ -11,8 +11,17 @@ module layered_element
 
   integer, parameter, public :: most_coordinates = 6 + 3*most_cores     !! of an element
 
-  !> Rows and inertia of elements with one section and one length.
-  type, public :: layered_element_model
+  !> Inertia of an element.
+  type, public :: element_inertia
+    real(wp), allocatable :: m(:, :), j(:, :), z(:, :)   !! translational and rotary inertia, Z [kg, kg m, kg m2]
+    real(wp), allocatable :: c(:, :)           !! Rayleigh damping by the mass [kg/s, ...]
+    real(wp), allocatable :: s(:, :)           !! (2, coordinates) integral of N [kg, kg m]
+    real(wp), allocatable :: along(:)          !! integral of u0.N, u0 from the first node [kg m, kg m2]
+    real(wp), allocatable :: turning(:)        !! integral of (H u0).N and of the layers' turns [kg m, kg m2]
+  end type element_inertia
+
+  !> Rows and inertia, element axes, of elements with one section and one length.
+  type, extends(element_inertia), public :: layered_element_model
     real(wp) :: length = 0.0_wp                !! [m]
     integer :: section = 0                     !! number among the body's sections
     integer :: coordinates = 6
@@ -27,11 +36,6 @@ module layered_element
     logical, allocatable :: shear(:)           !! (rows) shear angle of a core
     real(wp), allocatable :: strain(:, :)      !! (4, rows) of the layer's lower and upper face at both ends by the row [1/m]
     real(wp), allocatable :: ray_k(:)          !! (rows) [s]
-    real(wp), allocatable :: m(:, :), j(:, :), z(:, :)   !! translational and rotary inertia, Z [kg, kg m, kg m2]
-    real(wp), allocatable :: c(:, :)           !! Rayleigh damping by the mass [kg/s, ...]
-    real(wp), allocatable :: s(:, :)           !! (2, coordinates) integral of N [kg, kg m]
-    real(wp), allocatable :: along(:)          !! integral of u0 N, u0 from the first node [kg m, kg m2]
-    real(wp), allocatable :: turning(:)        !! integral of (H u0) N and of the layers' turns [kg m, kg m2]
     real(wp) :: mass = 0.0_wp                  !! [kg]
     real(wp) :: first = 0.0_wp                 !! of the mass, above the node line [kg m]
     real(wp) :: second = 0.0_wp                !! about the node line [kg m2]

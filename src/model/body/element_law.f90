@@ -4,24 +4,14 @@ module element_law
   use kinds, only: wp
   use beam_element, only: deformation_matrix, element_rotation, geometric_stiffness, present_deformation_matrix
   use body, only: body_model
-  use layered_element, only: most_coordinates
+  use layered_element, only: element_inertia, most_coordinates
   implicit none (type, external)
   private
   public :: add_geometric, forces_of, inertia_of, parts_of, rows_of, stiffness_part, strain_products, weighted_stiffness
 
-  !> Inertia of an element, body axes, with room for as many coordinates as any element of the body has.
-  type, public :: element_inertia
-    real(wp), allocatable :: m(:, :), j(:, :) !! translational and rotary [kg, kg m, kg m2]
-    real(wp), allocatable :: z(:, :)          !! Z [kg, kg m, kg m2]
-    real(wp), allocatable :: c(:, :)          !! Rayleigh damping by the mass [kg/s, ...]
-    real(wp), allocatable :: s(:, :)          !! (2, coordinates) integral of N [kg, kg m]
-    real(wp), allocatable :: along(:)         !! integral of u0.N, u0 from the first node [kg m, kg m2]
-    real(wp), allocatable :: turning(:)       !! integral of (H u0).N and of turns [kg m, kg m2]
-  end type element_inertia
-
 contains
 
-  !> Inertia of an element.
+  !> Inertia of an element, body axes, with room for as many coordinates as any element of the body has.
   pure function inertia_of(b, e) result(x)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                  !! element

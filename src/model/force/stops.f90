@@ -18,7 +18,7 @@ module stops
   use constraint, only: marker_stiffness
   use force_element, only: force_model, conditions, element_action, watched_roots, bilateral, by_position, root_rounding
   use marker, only: marker_states
-  use measure, only: measured, together
+  use measure, only: measured, sunken, together
   use small_matrices, only: outer
   use text, only: either, to_text
   implicit none (type, external)
@@ -302,8 +302,7 @@ contains
     if (.not. self%rigid .and. c%depth > root_rounding*self%size) warning = 'begins beyond its limit: it '// &
       self%measured_text(p)//', and it pushes with '//to_text(self%hardness*c%depth**self%exponent)// &
       either(' N m', ' N', self%angular)
-    if (self%measure%sunk(p)) fault = 'it begins in the profile by more than nine tenths of its radius of curvature, where the '// &
-      'normal of the contact has no direction; expected bodies beside the profile'
+    if (self%measure%sunk(p)) fault = 'it begins '//sunken//'; expected bodies beside the profile'
   end subroutine check_start
 
   !> Its quantity beside its limits, as part of a sentence.

@@ -5,7 +5,8 @@ module history
   use step_counts, only: rounding_of
   implicit none (type, external)
   private
-  public :: history_model, history_box, breakpoint, drive_values, evaluate_shifted, reached, merged, breakpoint_order, steepest
+  public :: history_model, history_box, breakpoint, drive_values, evaluate_shifted, reached, merged, breakpoint_order, &
+    locate, steepest
 
   real(wp), parameter :: negligible = 1.0e-6_wp   !! a jump smaller than this share of the history's size is rounding [-]
 
@@ -193,6 +194,37 @@ contains
     call part%evaluate(t + shift, left_limit, h)
     h(:1) = h(:1) - shift*h(0:)
   end subroutine evaluate_shifted
+
+  !> The interval in which a time lies, and how far into it; 0: before the first, size(begins): after the last one. Of a period it
+  !> is one of those within, whatever rounding says.
+  pure subroutine locate(begins, period, t, shift, turn, i, x)
+    real(wp), intent(in) :: begins(:)   !! of the intervals, and the end of the last [s]
+    real(wp), intent(in) :: period      !! 0: never [s]
+    real(wp), intent(in) :: t           !! [s]
+    real(wp), intent(in) :: shift       !! added where the interval is chosen: to see a breakpoint from one side [s]
+    integer(ip), intent(out) :: turn    !! periods before
+    integer, intent(out) :: i
+    real(wp), intent(out) :: x          !! time since it began [s]
+    integer :: j, k
+    turn = 0
+    i = 0
+    j = size(begins) + 1
+    if (period > 0.0_wp) then
+      turn = floor((t + shift - begins(1))/period, ip)
+      i = 1
+      j = j - 1
+    end if
+    x = t - turn*period
+    do while (j - i > 1)
+      k = (i + j)/2
+      if (begins(k) <= x + shift) then
+        i = k
+      else
+        j = k
+      end if
+    end do
+    x = x - begins(max(1, i))
+  end subroutine locate
 
   !> Order of the lowest derivative that differs between two sides of a breakpoint.
   pure integer function breakpoint_order(before, after, size) result(order)

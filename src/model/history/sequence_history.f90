@@ -1,7 +1,7 @@
 !> Histories one after another, each in a time of its own that begins when the one before ends.
 module sequence_history
   use kinds, only: wp, ip
-  use history, only: history_model, history_box, breakpoint, breakpoint_order, evaluate_shifted, merged
+  use history, only: history_model, history_box, breakpoint, breakpoint_order, evaluate_shifted, locate, merged
   use step_counts, only: rounding_of
   implicit none (type, external)
   private
@@ -15,7 +15,6 @@ module sequence_history
   contains
     procedure :: set => set_sequence
     procedure :: evaluate => sequence_value
-    procedure, private :: locate
   end type sequence_model
 
 contains
@@ -65,22 +64,6 @@ contains
     end do
   end subroutine set_sequence
 
-  !> The part that counts at a time, and the time in it; 0: before the first one, the number of parts + 1: after the last.
-  pure subroutine locate(self, t, shift, turn, k, x)
-    class(sequence_model), intent(in) :: self
-    real(wp), intent(in) :: t           !! [s]
-    real(wp), intent(in) :: shift       !! added where the part is chosen: to see a breakpoint from one side [s]
-    integer(ip), intent(out) :: turn    !! periods before
-    integer, intent(out) :: k           !! the part
-    real(wp), intent(out) :: x          !! time since it began [s]
-    turn = 0
-    if (self%period > 0.0_wp) turn = floor((t + shift - self%begins(1))/self%period, ip)
-    x = t - turn*self%period
-    k = count(self%begins <= x + shift)
-    if (self%period > 0.0_wp) k = min(max(k, 1), size(self%parts))
-    x = x - self%begins(max(k, 1))
-  end subroutine locate
-
   !> Those of the part that counts, its antiderivative moved to where the part before ends.
   pure recursive subroutine sequence_value(self, t, left_limit, h)
     class(sequence_model), intent(in) :: self
@@ -90,7 +73,7 @@ contains
     real(wp) :: x
     integer(ip) :: turn
     integer :: k
-    call self%locate(t, merge(-1, 1, left_limit)*rounding_of(t), turn, k, x)
+    call locate(self%begins, self%period, t, merge(-1, 1, left_limit)*rounding_of(t), turn, k, x)
     if (k < 1) then
       h = self%outside(1)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
     else if (k > size(self%parts)) then

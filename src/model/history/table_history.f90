@@ -1,7 +1,7 @@
 !> A table of points with a cubic (or straight) piece between each two of them; constant outside, or periodic.
 module table_history
   use kinds, only: wp, ip
-  use history, only: history_model, breakpoint, breakpoint_order
+  use history, only: history_model, breakpoint, breakpoint_order, locate
   use step_counts, only: rounding_of
   implicit none (type, external)
   private
@@ -14,7 +14,6 @@ module table_history
   contains
     procedure :: set => set_table
     procedure :: evaluate => table_value
-    procedure, private :: locate
   end type table_model
 
 contains
@@ -60,35 +59,6 @@ contains
     if (periodic) self%breaks = self%breaks(1:n - 1)
   end subroutine set_table
 
-  !> The piece in which a time lies, and how far into it; 0: before the first point, the number of points: after the last one.
-  pure subroutine locate(self, t, shift, turn, i, x)
-    class(table_model), intent(in) :: self
-    real(wp), intent(in) :: t           !! [s]
-    real(wp), intent(in) :: shift       !! added where the piece is chosen: to see a point from one side [s]
-    integer(ip), intent(out) :: turn    !! periods before
-    integer, intent(out) :: i           !! the piece
-    real(wp), intent(out) :: x          !! time since it began [s]
-    integer :: j, k
-    turn = 0
-    i = 0
-    j = size(self%t) + 1
-    if (self%period > 0.0_wp) then
-      turn = floor((t + shift - self%t(1))/self%period, ip)
-      i = 1                             ! within a period, whatever rounding says
-      j = j - 1
-    end if
-    x = t - turn*self%period
-    do while (j - i > 1)
-      k = (i + j)/2
-      if (self%t(k) <= x + shift) then
-        i = k
-      else
-        j = k
-      end if
-    end do
-    x = x - self%t(max(1, i))
-  end subroutine locate
-
   !> Those of the piece.
   pure subroutine table_value(self, t, left_limit, h)
     class(table_model), intent(in) :: self
@@ -98,7 +68,7 @@ contains
     real(wp) :: x
     integer(ip) :: turn
     integer :: i
-    call self%locate(t, merge(-1, 1, left_limit)*rounding_of(t), turn, i, x)
+    call locate(self%t, self%period, t, merge(-1, 1, left_limit)*rounding_of(t), turn, i, x)
     h = piece(self%c(:, i), x)
     h(-1) = h(-1) + self%area(max(1, i)) + turn*self%area(size(self%area))
   end subroutine table_value

@@ -13,6 +13,10 @@ module measure
     reshape(real([1, 0, 0, -1, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 0, 0, &
                   -1, 0, 0, 1, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0], wp), [6, 6])
 
+  !> Where `sunk` holds.
+  character(*), parameter, public :: sunken = 'in the profile by more than nine tenths of its radius of curvature, where the '// &
+    'normal of the contact has no direction'
+
   !> A measure and its motion at a state of the markers.
   type, public :: measured
     real(wp) :: x                          !! [m] or [rad]

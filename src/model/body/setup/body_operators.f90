@@ -4,7 +4,8 @@ module body_operators
   use body, only: body_model
   use elastic_operators, only: elastic_operator
   use beam_element, only: deformation_matrix
-  use element_law, only: element_inertia, inertia_of, parts_of, stiffness_part, weighted_stiffness
+  use element_law, only: inertia_of, parts_of, stiffness_part, weighted_stiffness
+  use layered_element, only: element_inertia
   use segment_model, only: viscoelastic_segment
   implicit none (type, external)
   private

@@ -3,7 +3,8 @@
 module body_setup
   use kinds, only: wp, pi
   use body, only: body_model, lump
-  use element_law, only: element_inertia, inertia_of
+  use element_law, only: inertia_of
+  use layered_element, only: element_inertia
   use segment_model, only: viscoelastic_segment
   use elastic_operators, only: factor_entries
   use marker, only: turn

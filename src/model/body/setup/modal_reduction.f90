@@ -3,7 +3,8 @@
 module modal_reduction
   use kinds, only: wp
   use body, only: body_model
-  use element_law, only: element_inertia, inertia_of, parts_of, strain_products
+  use element_law, only: inertia_of, parts_of, strain_products
+  use layered_element, only: element_inertia
   use segment_model, only: viscoelastic_segment
   use sparse_pattern, only: symmetric_pattern
   use body_operators, only: modal_operators
