@@ -332,7 +332,7 @@ contains
     row = 0
     if (self%n == 0) return
     allocate (s(0:self%kd, self%n), source=self%s(:, 1:self%n))
-    call find_dependent(self%n, self%kd, s, 0.0_wp, diagonal, dependent)
+    call find_dependent(self%n, self%kd, s, 0.0_wp, 0.0_wp, diagonal, dependent)
     row = self%row(minloc(s(0, :)/max(diagonal, tiny(1.0_wp)), 1))
   end function weakest_row
 
@@ -340,15 +340,16 @@ contains
   subroutine mark_dependent(self, tol)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: tol               !! [-]
-    call find_dependent(size(self%dependent), self%all%kd, self%g, tol, self%r, self%dependent)
+    call find_dependent(size(self%dependent), self%all%kd, self%g, tol, strong_pivot, self%r, self%dependent)
   end subroutine mark_dependent
 
   !> Eliminates a band matrix in place and leaves its pivots on its diagonal. A row depends on others where its pivot is not above
   !> tol times its diagonal entry; such a row is skipped. Rows with weak pivots come last, since rounding grows behind each of them.
-  pure subroutine find_dependent(n, kd, g, tol, diagonal, dependent)
+  pure subroutine find_dependent(n, kd, g, tol, strong, diagonal, dependent)
     integer, intent(in) :: n, kd
     real(wp), intent(inout) :: g(0:kd, n)     !! lower band, g(i, j) = G(j+i, j) [any]
     real(wp), intent(in) :: tol               !! [-]
+    real(wp), intent(in) :: strong            !! pivot over its diagonal entry below which a row comes last [-]
     real(wp), intent(out) :: diagonal(n)      !! of the given matrix [any]
     logical, intent(out) :: dependent(n)
     logical :: later(n)
@@ -357,7 +358,7 @@ contains
     diagonal = g(0, :)
     do j = 1, n
       dependent(j) = .not. g(0, j) > tol*diagonal(j)
-      later(j) = g(0, j) < strong_pivot*diagonal(j) .and. .not. dependent(j)
+      later(j) = g(0, j) < strong*diagonal(j) .and. .not. dependent(j)
       if (dependent(j) .or. later(j)) cycle        ! the row adds nothing: skip it
       do i = 1, min(kd, n - j)
         l = g(i, j)/g(0, j)
