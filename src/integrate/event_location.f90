@@ -124,7 +124,7 @@ contains
     if (found) then
       if (h >= (1 - same_event)*full_step .or. target - march%tried <= rounding_of(target)) march%tried = target
       if (abs(h - left%h) > 0.0_wp) left = right(n)
-      call mark_fallen(march, left, k, full_step)
+      call mark_fallen(march, left, right(n), k, full_step)
     else if (abs(h - full_step) > 0.0_wp) then    ! no root falls: the full step again
       h = full_step
       march%tried = target
@@ -148,13 +148,15 @@ contains
   end function ends_event
 
   !> Roots that have fallen where a step ends: root k, and those that fall with it but for rounding.
-  subroutine mark_fallen(march, at, k, full_step)
+  subroutine mark_fallen(march, at, beyond, k, full_step)
     class(stepper), intent(inout) :: march
-    type(root_values), intent(in) :: at
+    type(root_values), intent(in) :: at           !! where it falls
+    type(root_values), intent(in) :: beyond       !! end of that interval: what is positive there only touched zero
     integer, intent(in) :: k
     real(wp), intent(in) :: full_step             !! length of the step within which they fall [s]
     associate (r => march%roots)
-      r%fallen = at%rate < 0.0_wp .and. at%g <= max(r%zero, -same_event*full_step*at%rate) .and. .not. r%rounding
+      r%fallen = at%rate < 0.0_wp .and. at%g <= max(r%zero, -same_event*full_step*at%rate) .and. &
+                 .not. (r%rounding .or. (beyond%h > at%h .and. beyond%g > r%zero))
       r%fallen(k) = .true.
       r%end = at
     end associate
