@@ -101,7 +101,7 @@ contains
     real(wp), intent(in) :: slope(:)          !! (n), or none: of the state at the end by the period, over the period [-]
     real(wp), allocatable, intent(out) :: c(:)   !! (space), and the change of the period over it [-]
     real(wp), intent(out) :: rest(:)          !! (n) [-]
-    real(wp), parameter :: cut = 1.0e-7_wp    ! of the largest singular value, and of directions of length 1: below it is rounding [-]
+    real(wp), parameter :: cut = 1.0e-7_wp    ! of the largest singular value, and of a direction of length 1: rounding below it [-]
     real(wp), allocatable :: a(:, :), s(:), u(:, :), vt(:, :)
     integer :: columns
     columns = self%count + min(1, size(slope))

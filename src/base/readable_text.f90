@@ -2,7 +2,6 @@
 !> part of UTF-8 counts as a letter of Latin-1. Control characters, which could steer a terminal or break a line, become `?`.
 module readable_text
   use growing_text, only: text_buffer
-  use text, only: lower
   implicit none (type, external)
   private
   public :: readable, one_line, printable, json_text
@@ -68,8 +67,8 @@ contains
     character(*), intent(in) :: s
     character(:), allocatable :: text
     type(text_buffer) :: json
-    character(4) :: digits
-    integer :: k, n, code
+    character(*), parameter :: digits = '0123456789abcdef'
+    integer :: i, k, n, code
     call json%add('"')
     k = 1
     do while (k <= len(s))
@@ -79,8 +78,10 @@ contains
       else if (code == 34 .or. code == 92) then
         call json%add('\'//achar(code))
       else if (is_control(code) .or. (n == 1 .and. code >= 128)) then
-        write (digits, '(z4.4)') code              ! no control character needs more
-        call json%add('\u'//lower(digits))
+        call json%add('\u')
+        do i = 12, 0, -4                           ! no control character needs more than four digits
+          call json%add(digits(iand(shiftr(code, i), 15) + 1:iand(shiftr(code, i), 15) + 1))
+        end do
       else
         call json%add(s(k:k + n - 1))
       end if

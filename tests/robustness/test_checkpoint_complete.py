@@ -19,7 +19,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
         *("cause", "next_stop", "output_due", "roots"),
     },
     ("time_stepper", "root_watch", "time_stepper", "r"): {"end", "zero", "locating"},
-    ("fixed_step", "fixed_stepper", "fixed_step", "self"): {"method"},
+    ("fixed_step", "fixed_stepper", "fixed_step", "self"): {"method", "stage"},
     ("step_control", "step_controller", "adaptive_pair", "self%control"): {"order"},
     ("step_control", "error_norm", "adaptive_pair", "self%norm"): {
         *("group", "floor", "rate", "slope", "fastest", "bound", "steady"),
