@@ -236,7 +236,7 @@ POINTS = np.linspace(0.0, 2 * np.pi, 37)
 JUMPS = "&history name='table' kind='table' interpolation='pchip' periodic=.true.\n time=" + ",\n".join(f"{x:.15g}" for x in POINTS)
 JUMPS += "\n value=" + ",\n".join(f"{0.006 * (1 - np.cos(x)):.15g}" for x in POINTS) + " /\n"
 ORDERS = [("rk4", 4, (32, 64), "lift"), ("dopri5", 5, (16, 32), "lift"), ("radau", 5, (8, 16), "lift")]
-ORDERS += [("rk4", 4, (64, 128), "table")]
+ORDERS += [("rk4", 4, (64, 128), "table"), ("rk4", 4, (80, 160), "table")]
 
 
 @pytest.mark.parametrize(("method", "order", "steps", "law"), ORDERS)

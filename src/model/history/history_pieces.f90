@@ -19,7 +19,7 @@ contains
     real(wp) :: ends(2), f(-1:2), d
     ends = piece_ends(history, piece)
     d = x - min(max(x, ends(1)), ends(2))
-    call history%evaluate(x - d, d > 0.0_wp .or. x >= ends(2), f)
+    call history%evaluate(x - d, x > piece, f)   ! the limit from within, also where x is an end but for rounding
     h = [f(0) + d*(f(1) + 0.5_wp*d*f(2)), f(1) + d*f(2), f(2)]
   end subroutine piece_value
 
