@@ -65,9 +65,10 @@ contains
              ' at t = '//number(march%tried)//' s'//beyond_reach//check_the_drive(run)
     case (trouble_accuracy)
       text = 'the step became too small'//at//': the tolerance cannot be kept'//growing//largest_reactions(run)// &
-             '; the motion may be singular there, rounding set the estimated error, where large values cancel (springs wound '// &
-             'or stretched far, places far from the origin), or light masses on stiff springs be too fast (biela --check '// &
-             'tells): check these, loads and drives, or try a larger tolerance or radau'
+             '; the motion may be singular there (a drive beyond the reach of the mechanism, a dead centre), rounding may set '// &
+             'the estimated error (large values that cancel: springs wound or stretched far, places far from the origin), or '// &
+             'light masses on stiff springs may be too fast (biela --check tells): check these and the loads, or try a larger '// &
+             'tolerance or radau'
     case (trouble_iteration)
       text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//growing
       if (run%sys%m%s%rows > 0) then
