@@ -147,9 +147,8 @@ contains
       if (h <= advice%safe%step(k)) return
       refused = .not. (check .or. r%accept_unstable)
       call tell(r%at%file//':'//to_text(r%at%line)//': transient/step: '//either('', 'warning: ', refused)//'step = '// &
-        es_text(h, 3)// &
-                ' s is above the safe bound of '//trim(r%method)//', '//es_text(advice%safe%step(k), 3)//' s, set by '// &
-                trim(advice%safe%cause(k)%what)//'; expected at most '//es_text(most_of(advice%lowest(k)), 3)// &
+                es_text(h, 3)//' s is above the safe bound of '//trim(r%method)//', '//es_text(advice%safe%step(k), 3)// &
+                ' s, set by '//trim(advice%safe%cause(k)%what)//'; expected at most '//es_text(most_of(advice%lowest(k)), 3)// &
                 ' s, or generalized_alpha, or accept_unstable=.true.')
     end associate
     if (refused) written = write_bytes(standard_error, readable(advice%text%words%all()))

@@ -74,7 +74,7 @@ contains
           d(i + 1) = 0.5_wp*(a(3) + a(6)) - psi
         else
           associate (k => b%layers%kinds(b%layers%kind(e)))
-            call add_rows(size(k%stiffness), k%deformations, k%rows, &
+            call set_rows(size(k%stiffness), k%deformations, k%rows, &
                           [a(4), a(3) - psi, a(6) - psi, q(b%edof(7:k%coordinates, e))], b%layers%row(1, e), d)
           end associate
         end if
@@ -92,7 +92,7 @@ contains
   end function end_slopes
 
   !> Rows of an element from its deformations.
-  pure subroutine add_rows(rows, n, matrix, x, at, d)
+  pure subroutine set_rows(rows, n, matrix, x, at, d)
     integer, intent(in) :: rows, n
     real(wp), intent(in) :: matrix(rows, n)         !! [-], [m]
     real(wp), intent(in) :: x(n)                    !! [m, rad]
@@ -105,7 +105,7 @@ contains
       y = y + matrix(:, j)*x(j)
     end do
     d(at) = y
-  end subroutine add_rows
+  end subroutine set_rows
 
   !> Turns the displacements of an element from body axes into element axes.
   pure subroutine to_element(c, s, a)
@@ -142,7 +142,7 @@ contains
     real(wp), intent(in) :: q(0:*)                  !! (0:nf) [m, rad]
     real(wp), intent(in) :: factor                  !! [-]
     real(wp), intent(inout) :: f(0:*)               !! (0:nf) [N, N m]
-    real(wp) :: h(most_coordinates), a(6), y(6), slope(2), m(2), n
+    real(wp) :: h(most_coordinates), a(6), y(6), slope(2), m(2), n, psi
     integer :: e, i
     do e = 1, ne
       associate (g => elements(e))
@@ -170,12 +170,12 @@ contains
         if (b%stiffening) then
           a = q(at(1:, e))
           if (.not. straight) call to_element(g%c, g%s, a)
-          y(2) = (a(5) - a(2))/g%length
-          slope = end_slopes(g, a, y(2))
+          psi = (a(5) - a(2))/g%length
+          slope = end_slopes(g, a, psi)
           n = h(1)*g%length/30
           m = n*[4*slope(1) - slope(2), 4*slope(2) - slope(1)]
           h(2:3) = h(2:3) + m - 0.5_wp*g%softening*sum(m)
-          y(2) = -h(1)*y(2)
+          y(2) = -h(1)*psi
         end if
         y(2) = y(2) + (h(2) + h(3))/g%length
         y = [-h(1), y(2), h(2), h(1), -y(2), h(3)]

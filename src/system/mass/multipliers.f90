@@ -28,7 +28,7 @@ module multipliers
     logical :: uneven_masses = .false.         !! very uneven masses: multipliers are exact only after corrections
     logical :: ill_conditioned = .false.       !! masses so uneven that S in double precision has lost the heavy bodies
     logical :: was_ill_conditioned = .false.   !! at some evaluation of the run
-    logical, allocatable :: dependent(:)       !! (rows) reordered rows that depend on earlier ones by geometry
+    logical, allocatable :: dependent(:)       !! (rows) reordered rows that depend on others by geometry
   contains
     procedure :: set_up => set_up_factor
     procedure :: factor
@@ -310,7 +310,7 @@ contains
     end associate
   end subroutine correct
 
-  !> Rows that depend on earlier ones, by elimination of G, which is overwritten; and those that are off.
+  !> Rows that depend on others, by elimination of G, which is overwritten; and those that are off.
   subroutine weak_rows(self, dependent, tol)
     class(multiplier_system), intent(inout) :: self
     logical, intent(out) :: dependent(:)      !! (n) in the constraints' own order
@@ -336,7 +336,7 @@ contains
     row = self%row(minloc(s(0, :)/max(diagonal, tiny(1.0_wp)), 1))
   end function weakest_row
 
-  !> Marks the rows that depend on earlier ones by geometry. Overwrites G.
+  !> Marks the rows that depend on others by geometry. Overwrites G.
   subroutine mark_dependent(self, tol)
     class(multiplier_system), intent(inout) :: self
     real(wp), intent(in) :: tol               !! [-]
