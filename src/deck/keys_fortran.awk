@@ -44,7 +44,8 @@ function constant(k,   low, high, words, n, part, mask, j) {
   n = split(kinds[k], part, " ")
   for (j = 1; j <= n; j++) mask += 2 ^ place(part[j], range[choice[of[k]]])
   return "key(" text(name[k]) ", " text(type[k]) ", " text(unit[k]) ", " text(preset[k]) ", " truth(required[k]) ", " real(low) ", " \
-    real(high) ", " truth(range[k] ~ /^> /) ", " text(words) ", " mask + 0 ", " text(meaning[k]) ", " text(instead[k]) ")"
+    real(high) ", " truth(range[k] ~ /^> /) ", " text(words) ", " mask + 0 ", " text(meaning[k]) ", " text(instead[k]) ", " \
+    text(rules[k]) ")"
 }
 function place(wanted, words,   n, k, part) {      # from 0
   n = split(words, part, " ")
@@ -87,7 +88,8 @@ function component(k, target, plain, initial, known,   part) {
 # --- what reads a group
 function print_take(   g, k) {
   head("deck_take", "  use deck_get, only: get, get_auto, get_list, get_pair\n  use deck_input, only: deck_source\n  use deck_keys\n" \
-    "  use deck_values\n  use deck_words, only: get_column, get_input, get_letters, get_name, get_reference, get_references, get_word\n")
+    "  use deck_values\n  use deck_words, only: get_column, get_input, get_letters, get_name, get_reference, get_references, get_word\n" \
+    "  use deck_rules, only: check_rules\n")
   print "  public :: take\n\n  !> Reads every key of the open group into its record.\n  interface take"
   for (g = 2; g <= groups; g++) print "    module procedure :: take_" group[g]
   print "  end interface take\n\ncontains"
@@ -95,7 +97,7 @@ function print_take(   g, k) {
     print "\n  subroutine take_" group[g] "(deck, r)\n    class(deck_source), intent(inout) :: deck\n    class(" record[g] "), intent(inout) :: r"
     print "    r%at = deck%at()" (property[g] == "single" ? "\n    r%present = .true." : "")
     for (k = first_row[g]; k <= last_row[g]; k++) print "    call " reader[plain[k]] "(deck, " k ", " arguments(k, "r%" target[k]) ")"
-    print "  end subroutine take_" group[g]
+    print "    call check_rules(deck, " first_row[g] ", " last_row[g] ")\n  end subroutine take_" group[g]
   }
   print "end module deck_take"
 }

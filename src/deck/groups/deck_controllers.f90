@@ -1,7 +1,6 @@
 !> Reader of &controller.
 module deck_controllers
   use kinds, only: wp
-  use text, only: to_text
   use deck_columns, only: find_column
   use deck_input, only: deck_source
   use deck_records, only: controller_record, deck_record => deck
@@ -17,16 +16,6 @@ contains
     class(deck_source), intent(inout) :: deck
     type(controller_record), intent(inout) :: r
     call take(deck, r)
-    if (.not. (deck%is_given('kp') .or. deck%is_given('ki') .or. deck%is_given('kd'))) call deck%need('kp', &
-      'kp, ki or kd, or several of them')
-    call deck%check_order('lower', r%lower, 'upper', r%upper)
-    if (deck%is_set('windup_time')) then
-      if (.not. (deck%is_given('ki') .and. (deck%is_given('lower') .or. deck%is_given('upper')))) call deck%complain( &
-        'windup_time', 'windup_time is how fast an integral follows a limited output, expected ki, and lower or upper')
-      if (deck%is_set('sample') .and. r%windup_time < r%sample) call deck%complain('windup_time', 'windup_time='// &
-        to_text(r%windup_time)//' is shorter than sample='//to_text(r%sample)//': the integral would jump beyond the limit, '// &
-        'expected windup_time >= sample')
-    end if
     if (deck%is_set('filter') .and. r%filter > 0.0_wp .and. .not. deck%is_given('kd')) call deck%complain('filter', &
       'filter is that of the derivative, expected kd')
   end subroutine read_controller

@@ -3,7 +3,6 @@ module deck_geometry
   use kinds, only: wp
   use text, only: to_text
   use deck_input, only: deck_source
-  use deck_get, only: same_length
   use deck_records, only: body_record
   implicit none (type, external)
   private
@@ -20,10 +19,8 @@ contains
     type(body_record), intent(inout) :: b
     logical, intent(in) :: paired        !! whether element_nodes holds pairs
     integer :: before
+    if (.not. (deck%is_set('node_x') .and. deck%is_set('node_y')) .or. size(b%node_x) /= size(b%node_y)) return
     before = deck%faults%count
-    call same_length(deck, 'node_x', size(b%node_x), 'node_y', size(b%node_y))
-    if (.not. (deck%is_set('node_x') .and. deck%is_set('node_y'))) return
-    if (deck%faults%count > before) return
     if (size(b%node_x) < 2) then
       call deck%complain('node_x', 'a frame has '//to_text(size(b%node_x))//' node, expected at least 2')
       return
@@ -106,12 +103,6 @@ contains
       logical, allocatable :: removed(:, :)
       integer :: k, dof, before
       before = deck%faults%count
-      if (deck%is_given('reference')) call deck%complain('reference', 'reference and reference_node, reference_dof are '// &
-        'both given, expected one or the other')
-      call deck%need('reference_node', 'as many nodes as reference_dof has values')
-      call deck%need('reference_dof', '''u'', ''v'' or ''r'' for every '// &
-        'reference_node')
-      call same_length(deck, 'reference_node', size(b%reference_node), 'reference_dof', size(b%reference_dof))
       where (b%reference_node == -1) b%reference_node = b%nodes
       k = findloc(b%reference_node >= 1 .and. b%reference_node <= b%nodes, .false., 1)
       if (k > 0) call deck%complain('reference_node', 'reference_node='//to_text(b%reference_node(k))// &

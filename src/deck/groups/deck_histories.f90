@@ -6,7 +6,6 @@ module deck_histories
   use text, only: to_text, quoted
   use text_checksum, only: digest
   use deck_input, only: deck_source
-  use deck_get, only: same_length
   use deck_numbers, only: decades
   use deck_paths, only: path_from
   use deck_records, only: history_record
@@ -27,7 +26,6 @@ contains
     class(deck_source), intent(inout) :: deck
     type(history_record), intent(inout) :: h
     call take(deck, h)
-    call deck%check_order('start', h%start, 'finish', h%finish)
     if (deck%is_choice('table')) then
       call read_lists(deck, h%at%file, 'time', 'value', h%file, h%columns, h%time, h%values)
       if (size(h%time) > 0 .and. deck%is_given('file')) call take_points('file', 'time (column '//to_text(h%columns(1))//')')
@@ -35,8 +33,6 @@ contains
     end if
     if (deck%is_choice('switch') .and. deck%is_set('histories') .and. size(h%parts) /= 2) call deck%complain('histories', &
       'a switch chooses one of '//to_text(size(h%parts))//' histories, expected two: from its level on, and below it')
-    call same_length(deck, 'histories', size(h%parts), 'factors', size(h%factors))
-    call same_length(deck, 'histories', size(h%parts), 'durations', size(h%durations))
     if (.not. deck%is_given('factors')) h%factors = spread(1.0_wp, 1, size(h%parts))
     call check_ends()
   contains
@@ -90,20 +86,8 @@ contains
     integer, allocatable, intent(inout) :: columns(:)  !! 1, 2 if not given
     real(wp), allocatable, intent(inout) :: x(:), y(:) !! [as the file]
     character(:), allocatable :: path, content, problem
-    if (.not. deck%is_given('file')) then
-      call deck%need(first)
-      call deck%need(second)
-      call same_length(deck, first, size(x), second, size(y))
-      if (deck%is_given('columns')) call deck%complain('columns', 'columns belong to a file, expected file=''...''')
-      return
-    else if (deck%is_given(first) .or. deck%is_given(second)) then
-      call deck%complain('file', 'file and '//first//', '//second//' are both given, expected either a file or '//first// &
-                         ' and '//second)
-      x = [real(wp) ::]
-      return
-    end if
+    if (deck%is_given(first) .or. deck%is_given(second) .or. .not. deck%is_set('file')) return
     if (.not. deck%is_given('columns')) columns = [1, 2]
-    if (.not. deck%is_set('file')) return
     if (size(columns) /= 2 .or. any(columns < 1)) then
       if (deck%is_set('columns')) call deck%complain('columns', 'columns are not two numbers of columns, expected '// &
         'columns=1,2 ('//first//', '//second//')')

@@ -5,11 +5,9 @@ module deck_joints
   use deck_input, only: deck_source
   use deck_marker, only: check_marker, forbid_ground, forbid_rigid_pair
   use deck_profiles, only: check_follower
-  use deck_properties, only: check_law
   use deck_records, only: deck_record => deck, lump_record, joint_record, drive_record, spring_record, force_record, &
     stop_record
   use deck_take, only: take
-  use deck_temperature, only: check_shift
   implicit none (type, external)
   private
   public :: read_lump, read_joint, read_drive, read_spring, read_force, read_stop
@@ -41,8 +39,6 @@ contains
     j%has_length = deck%is_set('length')
     if (deck%is_set('ratio') .and. .not. abs(j%ratio) > 0.0_wp) call deck%complain('ratio', 'ratio=0 holds section a and '// &
       'moves nothing, expected turns of a for one of b, not 0')
-    call check_sticking(deck, 'preload', j%preload, j%preload_static)
-    call check_sticking(deck, 'friction', j%friction, j%friction_static)
     if (max(j%friction, j%friction_static) > 0.0_wp) call deck%need('pin_radius', pin//'a revolute joint')
     call check_follower(deck, d, j%profile, j%radius)
     call forbid_rigid_pair(deck, d, j%a, j%b, 'a', 'b')
@@ -50,16 +46,6 @@ contains
     call forbid_rigid_pair(deck, d, j%a, j%c, 'a', 'c')
     call forbid_rigid_pair(deck, d, j%b, j%c, 'b', 'c')
   end subroutine read_joint
-
-  !> What sticks holds at least as much as what slips.
-  subroutine check_sticking(deck, name, slips, sticks)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name              !! `friction` or `preload`
-    real(wp), intent(in) :: slips, sticks         !! it, and that of what sticks [-], [N] or [N m]
-    if (deck%is_set(name//'_static') .and. sticks < slips) call deck%complain(name//'_static', name//'_static='// &
-      to_text(sticks)//' is below '//name//'='//to_text(slips)//', expected not less: surfaces that stick hold at least as '// &
-      'much as surfaces that slip')
-  end subroutine check_sticking
 
   !> &drive
   subroutine read_drive(deck, d, r)
@@ -80,15 +66,7 @@ contains
     call take(deck, s)
     call check_marker(deck, d, '_a', s%a, frames='torsional')
     call check_marker(deck, d, '_b', s%b, frames='torsional')
-    if (.not. deck%is_given('characteristic')) call deck%need('stiffness')
-    call deck%forbid_both('stiffness', 'characteristic', ': a characteristic is the force over the deformation')
     s%has_free = deck%is_set('free_length') .or. deck%is_set('free_angle')
-    call check_law(deck, s%law)
-    call check_shift(deck)
-    call deck%forbid_both('characteristic', 'vertical', ': a characteristic does not depend on the temperature')
-    if (deck%is_given('characteristic') .and. size(s%law%ghm_alpha) + size(s%law%prony_alpha) > 0) call deck%complain( &
-      'characteristic', 'GHM and Maxwell terms follow a constant stiffness and do not go with a characteristic, expected them '// &
-      'in a second spring between the same markers')
     call forbid_rigid_pair(deck, d, s%a, s%b, 'a', 'b')
   end subroutine read_spring
 
@@ -100,9 +78,6 @@ contains
     call take(deck, f)
     call check_marker(deck, d, '', f%marker, frames='torque')
     call forbid_ground(deck, 'body', f%marker%body, 'does not move, no load acts on it')
-    if (deck%is_given('argument') .and. .not. deck%is_given('controller')) call deck%need('history')
-    call deck%forbid_both('argument', 'controller', ': the &controller has an argument of its own')
-    call deck%forbid_both('history', 'controller', '')
   end subroutine read_force
 
   !> &stop
@@ -114,24 +89,15 @@ contains
     call check_marker(deck, d, '_a', s%a, frames='rotation')
     call check_marker(deck, d, '_b', s%b, frames='rotation')
     s%rigid = deck%is_given('restitution') .and. .not. (deck%is_given('stiffness') .or. deck%is_given('damping'))
-    if (.not. s%rigid) call deck%need('stiffness', 'stiffness > 0 (N/m^n or Nm/rad^n), or restitution alone: a rigid stop')
     if (deck%is_set('restitution') .and. .not. s%rigid .and. s%restitution < least_restitution) call deck%complain('restitution', &
       'restitution='//to_text(s%restitution)//' is out of range, expected restitution from '//to_text(least_restitution)// &
       ' to 1, or no stiffness: a rigid stop')
-    call deck%forbid_both('damping', 'restitution', ': a restitution sets the damping')
-    if (s%rigid) then
-      call forbid_flexible(deck, d, s)
-      if (deck%is_given('exponent')) call deck%complain('exponent', 'exponent belongs to a stop with stiffness, expected '// &
-        'stiffness > 0, or restitution alone: a rigid stop')
-    end if
+    if (s%rigid) call forbid_flexible(deck, d, s)
     if (s%rigid .and. max(s%friction, s%friction_static) > 0.0_wp) call deck%complain('friction', &
       'friction beside a rigid stop is not there, as impacts with friction have no one law; expected stiffness > 0 beside it')
-    call check_sticking(deck, 'friction', s%friction, s%friction_static)
     if (max(s%friction, s%friction_static) > 0.0_wp) call deck%need('pin_radius', pin//'a pin in its hole')
     call check_follower(deck, d, s%profile, s%radius)
     if (s%profile > 0) s%lower = 0.0_wp
-    if (.not. deck%is_given('lower')) call deck%need('upper', 'lower, upper or both')
-    call deck%check_order('lower', s%lower, 'upper', s%upper)
     call forbid_rigid_pair(deck, d, s%a, s%b, 'a', 'b')
   end subroutine read_stop
 

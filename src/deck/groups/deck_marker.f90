@@ -78,9 +78,8 @@ contains
       real(wp) :: share                      ! of the length [-]
       share = marker%share
       marker%share = -1.0_wp
-      if (deck%is_given('node'//suffix)) then
-        call deck%complain('at'//suffix, 'node'//suffix//' and at'//suffix//' are both given, expected one of them')
-      else if (b%kind /= 'beam') then
+      if (deck%is_given('node'//suffix)) return
+      if (b%kind /= 'beam') then
         call deck%complain('at'//suffix, 'at'//suffix//' is a share of the length of a beam and does not apply to '// &
           body_text(d, marker%body)//', expected node'//suffix)
       else

@@ -16,10 +16,8 @@ contains
     class(deck_source), intent(inout) :: deck
     type(periodic_record), intent(inout) :: c
     call take(deck, c)
-    call deck%forbid_both('period', 'period_guess', '')
     c%free_period = deck%is_given('period_guess')
     if (c%free_period) c%period = c%period_guess
-    if (.not. c%free_period) call deck%need('period', 'period > 0, or period_guess > 0 where nothing prescribes it')
     c%own_tolerance = deck%is_given('tolerance')
   end subroutine read_periodic
 

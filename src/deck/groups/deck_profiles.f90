@@ -28,7 +28,7 @@ contains
     real(wp), allocatable :: chord(:)             ! between neighbours [m]
     integer :: k, least
     call read_lists(deck, r%at%file, 'x', 'y', r%file, r%columns, r%x, r%y)
-    if (.not. deck%is_clean() .or. size(r%x) /= size(r%y)) return   ! which is told where the group ends
+    if (.not. (deck%is_clean() .and. (deck%is_set('x') .or. deck%is_set('file'))) .or. size(r%x) /= size(r%y)) return   ! it is told
     least = merge(3, 2, r%closed)
     if (size(r%x) < least) then
       call deck%complain(either('file', 'x', deck%is_given('file')), 'the profile has '//to_text(size(r%x))// &
@@ -68,7 +68,6 @@ contains
     type(deck_record), intent(in) :: d            !! its profiles are read
     integer, intent(in) :: profile                !! 0: none
     real(wp), intent(in) :: radius                !! of the roller [m]
-    call deck%forbid_both('radius', 'face', ': the follower is a roller or a flat face')
     if (profile == 0 .or. .not. deck%is_choice('profile')) return
     associate (r => d%profiles(profile))
       if (deck%is_given('face') .and. r%kind == 'points' .and. .not. r%closed) call deck%complain('face', 'a flat face does '// &

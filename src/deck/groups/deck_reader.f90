@@ -249,7 +249,6 @@ contains
         call take(source, d%modal)
       case (in_response)
         call take(source, d%response)
-        call source%check_order('from', d%response%from, 'to', d%response%to)
       case (in_periodic)
         call read_periodic(source, d%periodic)
       case default

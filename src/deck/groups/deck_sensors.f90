@@ -1,7 +1,7 @@
 !> Reader of &sensor.
 module deck_sensors
   use kinds, only: wp
-  use text, only: either, listed, lower, quoted, to_text
+  use text, only: either, lower, quoted, to_text
   use deck_input, only: deck_source
   use deck_marker, only: check_marker, forbid_ground, body_text
   use deck_records, only: deck_record => deck, body_record, sensor_record
@@ -28,27 +28,10 @@ contains
     s%relative = deck%is_choice('distance') .or. deck%is_set('body_b')
     if (deck%is_choice(angles//' distance power work') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
-    call need_one('reaction', ['joint', 'drive'])
-    call need_one('contact friction', [character(5) :: 'joint', 'stop'])
     call check_contact()
     call check_friction()
-    call need_one('power work', [character(6) :: 'drive', 'force', 'spring', 'joint'])
     call check_elastic()
   contains
-    !> Exactly one of some variables has to be given.
-    subroutine need_one(kinds, names)
-      character(*), intent(in) :: kinds           !! quantities that need one of them
-      character(*), intent(in) :: names(:)
-      logical :: given(size(names))
-      integer :: k
-      if (.not. deck%is_choice(kinds)) return
-      given = [(deck%is_given(trim(names(k))), k=1, size(names))]
-      if (.not. any(given)) call deck%need(trim(names(1)), listed(names, 'or')//deck%for_choice())
-      if (count(given) < 2) return
-      k = findloc(given, .true., 1, back=.true.)
-      call deck%complain(trim(names(k)), listed(pack(names, given), 'and')//' are given, expected one of them')
-    end subroutine need_one
-
     !> A contact is that of a pair; its pressure needs two numbers, and a follower that is round or flat.
     subroutine check_contact()
       character(:), allocatable :: other
@@ -64,12 +47,8 @@ contains
         edge = .not. (d%stops(s%stop)%radius > 0.0_wp .or. d%stops(s%stop)%face < huge(1.0_wp))
       end if
       if (len(other) > 0) call deck%complain(other, 'its '//other//' is not of type=''profile'', expected one that is')
-      if (deck%is_given('modulus') .or. deck%is_given('width')) then
-        call deck%need('modulus')
-        call deck%need('width')
-        if (edge .and. len(other) == 0) call deck%complain('modulus', 'an edge (radius=0) has no pressure by Hertz, expected '// &
-          'a follower with radius or face')
-      end if
+      if (edge .and. len(other) == 0) call deck%refuse('modulus', ' of an edge (radius=0), which has no pressure by Hertz, '// &
+        'expected a follower with radius or face')
     end subroutine check_contact
 
     !> Friction is that of a joint or stop that has some.

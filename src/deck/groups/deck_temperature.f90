@@ -2,7 +2,6 @@
 !> their moduli, than at its reference. A body at a temperature of its own gets materials of its own.
 module deck_temperature
   use kinds, only: wp
-  use deck_input, only: deck_source
   use deck_numbers, only: decades
   use deck_origin, only: origin
   use deck_parts, only: law_record
@@ -11,23 +10,12 @@ module deck_temperature
   use text, only: to_text
   implicit none (type, external)
   private
-  public :: check_shift, set_temperatures, warm, has_shift
+  public :: set_temperatures, warm, has_shift
 
   real(wp), parameter :: gas = 8.314462618_wp          !! molar gas constant [J/(mol K)]
   real(wp), parameter :: zero_celsius = 273.15_wp      !! [K]
 
 contains
-
-  !> Keys of the law of a temperature, of a material or spring: which belong together.
-  subroutine check_shift(deck)
-    class(deck_source), intent(inout) :: deck
-    call deck%forbid_both('wlf', 'arrhenius', ': one law moves the times')
-    if (deck%is_given('wlf') .or. deck%is_given('arrhenius') .or. deck%is_given('vertical')) then
-      call deck%need('reference_temperature')
-    else if (deck%is_given('temperature') .and. .not. deck%is_given('thermal_resistance')) then
-      call deck%complain('temperature', 'temperature has no effect without a law, expected wlf, arrhenius or vertical')
-    end if
-  end subroutine check_shift
 
   !> Whether anything depends on the temperature.
   elemental logical function has_shift(law) result(yes)

@@ -57,19 +57,8 @@ contains
 
     !> Steps and times that fit together; the default interval of output.
     subroutine check_steps()
-      real(wp), parameter :: slack = 1.0_wp + 1.0e-9_wp   !! rounding of written numbers [-]
       logical :: stepped
       stepped = deck%is_set('step') .and. .not. t%adaptive
-      call check_not_longer('output_step', t%output_step, 't_end', t%t_end*slack)
-      if (stepped .and. deck%is_set('output_step')) then
-        call check_not_longer('step', t%step, 'output_step', t%output_step*slack)
-      else if (stepped) then
-        call check_not_longer('step', t%step, 't_end', t%t_end*slack)
-      end if
-      if (t%adaptive) then
-        call check_not_longer('first_step', t%first_step, 'max_step', t%max_step*slack)
-        call check_not_longer('first_step', t%first_step, 't_end', t%t_end*slack)
-      end if
       if (.not. deck%is_given('output_step')) t%output_step = merge(t%t_end/1000.0_wp, t%step, t%adaptive)
       if (stepped) call check_countable('step', t%step, 't_end', t%t_end)
       if (deck%is_set('output_step')) call check_countable('output_step', t%output_step, 't_end', t%t_end)
@@ -84,16 +73,6 @@ contains
       call deck%complain(other, other//'='//to_text(interval)//' is '//to_text(interval/time)//' times '//name//'='// &
         to_text(time)//', expected at most '//to_text(most_counted)//' times, as many as can be counted')
     end subroutine check_countable
-
-    !> Reports a time that is longer than another one.
-    subroutine check_not_longer(name, time, other, limit)
-      character(*), intent(in) :: name, other   !! the two variables
-      real(wp), intent(in) :: time              !! the first one's value [s]
-      real(wp), intent(in) :: limit             !! the other one's value with some slack [s]
-      if (.not. (deck%is_set(name) .and. deck%is_set(other)) .or. time <= limit) return
-      call deck%complain(name, name//'='//to_text(time)//' is larger than '//other//'='//to_text(limit)//', expected '// &
-        name//' <= '//other)
-    end subroutine check_not_longer
 
     !> How drift off the constraints is kept small; the default rates of Baumgarte's terms.
     subroutine check_stabilization()

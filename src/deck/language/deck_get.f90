@@ -11,7 +11,7 @@ module deck_get
   use deck_syntax, only: value_token, bare_value, string_value, null_value, expression_value
   implicit none (type, external)
   private
-  public :: get, get_auto, get_list, get_pair, same_length, check_form, fault, counted
+  public :: get, get_auto, get_list, get_pair, check_form, fault, counted
 
   !> Reads one value.
   interface get
@@ -122,18 +122,6 @@ contains
     call get_reals(deck, row, x)
     n = nint(x)
   end subroutine get_integers
-
-  !> Checks that two lists that belong together have equal lengths; silent where one of them is missing or faulty.
-  subroutine same_length(deck, name, length, other, other_length)
-    class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: name           !! the first list
-    integer, intent(in) :: length              !! its length
-    character(*), intent(in) :: other          !! the other list
-    integer, intent(in) :: other_length        !! its length
-    if (.not. (deck%is_set(name) .and. deck%is_set(other)) .or. length == other_length) return
-    call deck%complain(other, other//' has '//counted(other_length)//' and '//name//' '//to_text(length)// &
-      ', expected equal numbers')
-  end subroutine same_length
 
   !> A logical value.
   subroutine get_logical(deck, row, x)

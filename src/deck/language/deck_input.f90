@@ -49,9 +49,7 @@ module deck_input
     procedure :: complain
     procedure :: need
     procedure :: for_choice
-    procedure :: forbid_both
     procedure :: refuse
-    procedure :: check_order
   end type deck_source
 
 contains
@@ -331,15 +329,6 @@ contains
     yes = self%faults%count == self%faults_before
   end function is_clean
 
-  !> Reports two variables that exclude each other.
-  subroutine forbid_both(self, first, second, hint)
-    class(deck_source), intent(inout) :: self
-    character(*), intent(in) :: first, second
-    character(*), intent(in) :: hint      !! what helps to decide, after a colon; may be empty
-    if (self%is_given(first) .and. self%is_given(second)) call self%complain(second, first//' and '//second// &
-      ' are both given, expected one of them'//hint)
-  end subroutine forbid_both
-
   !> Reports each of some variables that is given.
   subroutine refuse(self, names, message)
     class(deck_source), intent(inout) :: self
@@ -352,15 +341,6 @@ contains
       end do
     end associate
   end subroutine refuse
-
-  !> Reports two numbers that do not ascend.
-  subroutine check_order(self, lower, x, upper, y)
-    class(deck_source), intent(inout) :: self
-    character(*), intent(in) :: lower, upper   !! the variables
-    real(wp), intent(in) :: x, y               !! their values [as the variables]
-    if (self%is_set(lower) .and. self%is_set(upper) .and. x >= y) call self%complain(upper, upper//'='//to_text(y)// &
-      ' is not above '//lower//'='//to_text(x)//', expected '//lower//' < '//upper)
-  end subroutine check_order
 
   !> Reports a fault of the group, at the line of a variable where that is given.
   subroutine complain(self, name, message)

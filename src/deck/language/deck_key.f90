@@ -22,6 +22,7 @@ module deck_key
     integer :: kinds                         !! bit k - 1: it applies to the k-th word of the group's choice; 0: always
     character(360) :: meaning
     character(160) :: instead                !! what to do instead of the value 0, where that is out of range
+    character(80) :: rules                   !! what it asks of other keys of its group (`deck_rules`)
   end type key
 
 contains
