@@ -171,9 +171,9 @@ def test_a_terminal_sees_how_far_a_run_is(biela, tmp_path):
 LONG = DECK.replace("t_end=0.1 step=0.01", "t_end=0.5 method='rk4' step=1e-6 output_step=0.1")
 
 
-def on_a_terminal(biela: Path, folder: Path, *options: str) -> bytes:
-    """Run a deck that takes a while and return what its standard error shows on a terminal."""
-    (folder / "a.nml").write_text(LONG)
+def on_a_terminal(biela: Path, folder: Path, *options: str, deck: str = LONG) -> bytes:
+    """Run a deck, one that takes a while, and return what its standard error shows on a terminal."""
+    (folder / "a.nml").write_text(deck)
     ours, theirs = os.openpty()
     with subprocess.Popen([biela, *options, "a.nml"], cwd=folder, stdout=subprocess.DEVNULL, stderr=theirs) as process:
         os.close(theirs)
@@ -202,6 +202,10 @@ def test_progress_is_shown_on_a_terminal_and_cleared(biela, tmp_path):
     assert times == sorted(set(times))
     assert percents == pytest.approx([200 * t for t in times], abs=0.06)
     assert all(float(report[3]) < 600 for report in reports)
+
+
+def test_a_terminal_that_was_shown_nothing_has_nothing_cleared(biela, tmp_path):
+    assert re.fullmatch(rb"((\r[^\r]+)+\r +\r)?", on_a_terminal(biela, tmp_path, deck=DECK))
 
 
 def test_no_progress_is_shown_when_quiet(biela, tmp_path):

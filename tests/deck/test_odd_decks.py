@@ -167,6 +167,12 @@ def test_a_point_that_is_measured_does_not_move_the_scene(method, run_deck):
     np.testing.assert_array_equal(runs[0]["bar"], runs[1]["bar"])
 
 
+def test_a_frame_far_from_the_origin_of_its_axes(run_deck):
+    """Its nodes, 200 km away, hold it as they do near by: u and v of the first one, v of the last one."""
+    frame = "&body name='b' kind='frame' node_x=0.0,0.5,0.5 node_y=2.0e5,2.0e5,200000.4 element_nodes=1,2,2,3 position=0.0,-2.0e5\n"
+    run_deck(STEEL + frame + "material='m' section='s' reference='pinned' /\n" + PIN + TIP + RUNS["fixed"], "--check")
+
+
 @pytest.mark.parametrize(("more", "said"), [("", 0), ("reference_node=1,1,-1,-1 reference_dof='u','v','v','u'", 1)])
 def test_more_reference_conditions_than_needed_are_told(biela, tmp_path, more, said):
     deck = STEEL + BEAM.format(more) + PIN + TIP + GRAVITY + RUNS["rk4"]

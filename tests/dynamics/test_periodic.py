@@ -435,6 +435,15 @@ def test_refused(run_deck, change, words):
     assert not run.folder.exists()
 
 
+def test_a_fast_history_repeats(run_deck):
+    """Rounding of times near 1 s, 1e-16 s, moves a history of 1e8 periods by more than a billionth."""
+    deck = "&body name='b' mass=1 inertia=1 /\n&joint name='g' type='prismatic' body_a='b' /\n"
+    deck += "&force name='f' body='b' fx=1 history='h' /\n&history name='h' kind='sine' amplitude=1 frequency={} /\n"
+    deck += "&spring name='k' body_a='b' stiffness=4 damping=0.1 /\n&transient step=0.01 t_end=1 /\n&periodic period=1 /\n"
+    run_deck(deck.format("1.1e8"), "--check")
+    assert "does not repeat" in run_deck(deck.format("1.5"), "--check", expect=2).stderr
+
+
 def test_no_cycle(run_deck):
     """A body that falls for ever repeats in no sense; one that drifts is named with its way."""
     deck = "&scene gravity=0,-9.81 /\n&body name='stone' mass=1 inertia=1 /\n&sensor name='s' quantity='position' body='stone' /\n"

@@ -98,6 +98,17 @@ def test_an_evaluation_solves_twice_for_each_flexible_body(run_deck):
     assert found["solves"] <= 2 * found["evaluations"]
 
 
+def test_small_steps_look_at_corners_of_loads_when_they_get_there(run_deck):
+    """Where a force has a corner the pads that hold are looked at anew: not in each microsecond before."""
+    deck = "&scene gravity=0.0,-9.81 /\n&body name='b' mass=1.0 inertia=1.0 /\n"
+    deck += "&joint name='rail' type='prismatic' body_a='b' friction=0.3 /\n&force name='f' body='b' fx=1.0 history='h' /\n"
+    deck += "&history name='h' kind='table' time=0.0,5.0e-4,1.0e-3 value=0.0,2.0,0.0 /\n"
+    deck += "&sensor name='x' quantity='position' body='b' /\n"
+    found = counts(run_deck(deck + "&transient method='rk4' t_end=1.0e-3 step=1.0e-6 output_step=1.0e-4 /\n"))
+    assert found["steps"] == 1000
+    assert 4000 <= found["evaluations"] < 4050
+
+
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="the counter of allocations is built with gcc")
 def test_no_step_allocates(biela: Path, tmp_path: Path):
     """Counts calls of malloc, calloc and realloc of two runs that differ in their steps only, by a library loaded before."""
