@@ -2,7 +2,7 @@
 !> pilots beside a better model. The deck then has plain numbers, and all that follows sees an ordinary deck.
 module model_choice
   use kinds, only: wp, pi, ip
-  use accuracy_words, only: column_lines, modes_share
+  use accuracy_words, only: column_lines
   use build_scene, only: build
   use deck_geometry, only: removed_coordinates
   use deck_mesh, only: set_elements
@@ -20,6 +20,7 @@ module model_choice
   public :: begin_model, choose_model
 
   integer, parameter :: most_modes = 60        !! of a body
+  real(wp), parameter :: modes_share = 0.5_wp  !! of what a column may err by that left-out modes may take [-]
   real(wp), parameter :: halving_error = 1/(1 - 0.5_wp**2)   !! error of a mesh over the change by half the length, by theory [-]
 
 contains
@@ -120,7 +121,7 @@ contains
       call text%line('')
       call text%line(words//', by pilots (radau, tolerance {'//prefix//'tolerance}):', [pilots%tolerance])
       call text%words%add(notes)
-      if (allocated(found%error)) call column_lines(prefix//'errors', found%columns, found%error, found%range, text)
+      if (allocated(found%off%error)) call column_lines(prefix//'errors', found%columns, found%off%error, found%off%range, text)
       call text%warn(doubt)
       call text%line('  cost of {'//prefix//'pilots #} pilots: {'//prefix//'cost #} explicit evaluations', &
                      [real(wp) :: pilots%count, pilots%cost])
@@ -155,15 +156,15 @@ contains
         cycle
       end if
       low = n
-      if (.not. allocated(found%error)) cycle
-      k = maxloc(found%error/found%asked, 1)
+      if (.not. allocated(found%off%error)) cycle
+      k = maxloc(found%off%error/found%off%asked, 1)
       fewer = '  fewer are not enough: '//trim(found%columns(k)%label())//' errs by '//short_text(found%worst(), 1)// &
               ' of what is asked; they may take '//to_text(modes_share)//new_line('a')
     end do
     notes = ''
-    if (allocated(kept%error)) then
+    if (allocated(kept%off%error)) then
       run%d = with_modes(run%d, body(:high))
-      run%model_error = kept%error
+      run%model_error = kept%off%error
       if (high > 0) notes = '  the highest at '//short_text(frequency(high), 2)//' Hz'//new_line('a')
     else if (.not. lost%happened()) then
       notes = '  as many modes as the mesh has would be needed, or more than '//to_text(most_modes)// &

@@ -246,6 +246,7 @@ contains
       else
         call run_transient(run, march, fail)
         call transient_lines(run, march, fail%status, text)
+        call text%close()
       end if
     end if
     call check_lapack('transient', fail)

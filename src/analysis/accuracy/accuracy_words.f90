@@ -1,100 +1,64 @@
-!> What the summary says of a transient's accuracy: the estimated errors of columns where the deck asks for them. The energy
-!> balance does not bound them: a vibration that is late keeps its energy. Only a second run tells errors of columns.
+!> What the summary says of a transient's accuracy: estimated errors of columns where the deck asks for them, and the passes
+!> that were made. The energy balance does not bound errors: a vibration that is late keeps its energy. A second run tells them.
 module accuracy_words
   use kinds, only: wp
-  use accuracy_ladder, only: setting_words
-  use balance_words, only: balance_lines, closing_lines, distrusted
-  use column_ranges, only: column_range
-  use errors, only: failure
+  use accuracy_ladder, only: finished, half, pass_ladder, pass_record, under_way
+  use balance_words, only: distrusted
   use scene_run, only: run_state
-  use result_columns, only: result_column
-  use stored_pass, only: compared_columns, pass_rows
+  use result_columns, only: labels_of, result_column
+  use stored_pass, only: compared_columns, pass_difference
   use summary_text, only: json_number, summary_record
-  use text, only: either, short_text, to_text
+  use text, only: either, joined, short_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
   private
-  public :: accuracy_lines, asked_errors, column_lines, error_lines
-
-  real(wp), parameter :: rounding = 1.0e-9_wp          !! residual that may be rounding, of the energy that moved [-]
-  real(wp), parameter :: least_range = 1.0e-3_wp       !! that counts, of the largest one of its kind [-]
-  real(wp), parameter, public :: modes_share = 0.5_wp  !! of what a column may err by that left-out modes may take [-]
-  real(wp), parameter :: converging = 0.5_wp           !! residual of the second run, of the first one's, at most [-]
+  public :: column_lines, error_lines, ladder_lines
 
 contains
 
-  !> All of it; lost: the run could not go on.
-  subroutine accuracy_lines(run, march, lost, text)
-    type(run_state), intent(in) :: run
-    type(transient_march), intent(in) :: march
-    logical, intent(in) :: lost
-    type(summary_record), intent(inout) :: text
-    call closing_lines(run, march, text)
-    if (lost) then
-      call text%line('  accuracy: unknown, the run failed; its last rows may be wrong')
-      return
-    end if
-    call balance_lines(run, march, text)
-    if (march%ladder%estimates) return
-    if (march%rows%filled) then
-      call error_lines(run, march, failure(), text)
-    else if (march%ladder%active) then
-      call text%line('  accuracy: unknown, there is no other pass to compare this one with')
-    else
-      call text%line('  accuracy: the energy balance does not bound errors of columns: a vibration that is late keeps its '// &
-                    'energy; check_error=.true. in &transient estimates the error of every column')
-    end if
-  end subroutine accuracy_lines
-
   !> The estimated errors of all columns; those of a second run with a warning where some are large or the estimate is doubtful.
-  subroutine error_lines(run, march, fail, text)
+  subroutine error_lines(run, march, x, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
-    type(failure), intent(in) :: fail          !! how this pass ended
+    type(pass_difference), intent(in) :: x
     type(summary_record), intent(inout) :: text
-    real(wp), allocatable :: e(:), range(:), x(:), asked(:)   ! [of the column], x of the range [-]
-    type(column_range) :: seen
     type(result_column), allocatable :: columns(:)
-    character(:), allocatable :: doubt
+    real(wp) :: share(size(x%error))           ! of the range [-]
     integer :: k
     columns = compared_columns(run)
-    associate (c => march%rows, ladder => march%ladder, ratio => march%ladder%error_ratio())
-      if (.not. ladder%over .and. ladder%estimates) then
-        call text%line('  accuracy: unknown, the second run did not come to its end')
-        return
+    associate (ladder => march%ladder)
+      k = merge(2, ladder%count - 1, ladder%estimates)
+      call text%line('  estimated errors, from the difference to pass {compared_with #}'//either(' with '//either('half the step', &
+        'a tenth of the tolerance', ladder%passes(k)%fixed), '', ladder%estimates)//':', [real(wp) :: k])
+      if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
+      call column_lines('estimated_errors', columns, x%error, x%range, text, x%error > x%asked)
+      if (any(x%absolute)) then
+        call text%line('  absolute accuracy of columns with a floor, or a range below a thousandth of the largest of their kind:')
+        call text%table('absolute', pack(labels_of(columns), x%absolute), pack(x%asked, x%absolute), 2)
       end if
-      seen = march%compared_range()
-      range = seen%moved(run%sys%m%s, columns, run%d%transient%t_end)
-      e = ratio*merge(c%agreed, c%error, c%differ_at >= 0.0_wp)
-      if (ladder%estimates) then
-        call text%line('  estimated errors, from a second run with '//either('a tenth of the tolerance', 'half the step', &
-          run%d%transient%adaptive)//' ({second_evaluations #} evaluations):', [march%cost(run)])
-        call column_lines('estimated_errors', columns, e, range, text)
-      else
-        associate (other => ladder%passes(ladder%stored))
-          call text%line('  estimated errors, the difference from pass {compared_with #} ('//trim(other%method)// &
-                         setting_words(other)//'):', [real(wp) :: ladder%stored])
-        end associate
-        asked = asked_errors(run, seen)
-        x = e
-        if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
-        if (allocated(run%model_error)) where (asked < huge(1.0_wp)) x = e + run%model_error
-        call column_lines('estimated_errors', columns, x, range, text, e > asked)
+      if (run%sys%roots > 0) call text%line('  events of both runs: {events_compared #}, their times err by an estimated '// &
+                                            '{event_time_error 2} s at most', [real(wp) :: x%matched, x%event_error])
+      if (x%differ_at >= 0.0_wp) then
+        call text%line('  events differ from t = {events_differ_from 6} s', [x%differ_at])
+        call text%warn('from t = '//short_text(x%differ_at, 6)//' s on the event sequences of both runs differ: rows beyond '// &
+                       'are not predictable, and these estimates compare two motions there')
       end if
-      call event_words(run, c, ratio, text)
       if (.not. ladder%estimates) return
-      call text%line('  energy residual of the second run: largest {second_energy_residual 3} J', [march%balance%largest_residual])
-      doubt = doubts(march, fail)
-      call text%warn(doubt)
-      x = 0*e
-      where (range > 0.0_wp) x = e/range
-      k = maxloc(x, 1)
-      call text%line('  accuracy: '//either('unknown, columns may err by more than was estimated; the worst one: ', &
-        'the worst column, ', len(doubt) > 0)//'{worst_column='//trim(columns(k)%label())//'}'//either(', ', &
-        ', errs by an estimated ', len(doubt) > 0)//'{worst_error_of_range 1} of its range', x(k:k))
-      if (x(k) > distrusted) call text%warn(to_text(count(x > distrusted))//' of '//to_text(size(x))//' columns err by more '// &
-        'than '//short_text(distrusted, 1)//' of their range, the worst, '//trim(columns(k)%label())//', by an estimated '// &
-        short_text(x(k), 1)//'; use a smaller step or tolerance')
+      share = 0.0_wp
+      where (x%range > 0.0_wp) share = x%error/x%range
+      k = maxloc(share, 1)
+      if (ladder%passes(1)%residual > march%balance%floor() .and. &
+          march%balance%largest_residual > half*ladder%passes(1)%residual) then
+        call text%warn('the energy balance of the second run closes hardly better: vibrations that both runs damp away between '// &
+                       'rows are missing in these estimates; a smaller output_step or step shows them')
+        call text%line('  accuracy: unknown, columns may err by more than was estimated')
+      else
+        call text%line('  accuracy: the worst column, {worst_column='//trim(columns(k)%label())//'}, errs by an estimated '// &
+                       '{worst_error_of_range 1} of its range', share(k:k))
+      end if
+      if (share(k) > distrusted) call text%warn(to_text(count(share > distrusted))//' of '//to_text(size(share))// &
+        ' columns err by more than '//short_text(distrusted, 1)//' of their range, the worst, '//trim(columns(k)%label())// &
+        ', by an estimated '//short_text(share(k), 1)//'; use a smaller step or tolerance')
     end associate
   end subroutine error_lines
 
@@ -121,67 +85,80 @@ contains
     call text%close()
   end subroutine column_lines
 
-  !> The error that each column may have beside that of the model [of the column]: the accuracy of its sensor times its range, or
-  !> the sensor's floor; any where a column is constant but for rounding, or counts states or elements. A range counts at least a
-  !> thousandth of the largest one of the same quantity and unit: a column that hardly moves beside them shall not set the cost.
-  function asked_errors(run, seen, absolute) result(asked)
+  !> What was tried to keep an accuracy, and what it cost; a warning where it is not kept.
+  subroutine ladder_lines(run, ladder, text)
     type(run_state), intent(in) :: run
-    type(column_range), intent(in) :: seen
-    real(wp), intent(out), optional :: absolute(:)   !! (columns) that error where the range alone does not set it, else 0 [of it]
-    real(wp), allocatable :: asked(:)
-    real(wp), allocatable :: range(:)          ! [of the column]
-    type(result_column), allocatable :: columns(:)
-    logical, allocatable :: alike(:)
-    real(wp) :: accuracy, floor, counted       ! [-], [of the column]
-    integer :: k, n
-    columns = compared_columns(run)
-    range = seen%moved(run%sys%m%s, columns, run%d%transient%t_end)
-    asked = spread(huge(1.0_wp), 1, size(columns))
-    if (present(absolute)) absolute = 0.0_wp
-    do k = 1, size(columns)
-      if (.not. range(k) > 0.0_wp .or. columns(k)%unit == '-') cycle
-      accuracy = run%d%transient%accuracy
-      floor = 0.0_wp
-      n = count(run%list%first <= k)
-      if (n > 0) floor = run%d%sensors(n)%floor
-      if (n > 0) accuracy = merge(run%d%sensors(n)%accuracy, accuracy, run%d%sensors(n)%accuracy > 0.0_wp)
-      alike = columns%quantity == columns(k)%quantity .and. columns%unit == columns(k)%unit
-      counted = max(range(k), least_range*maxval(range, alike))
-      asked(k) = max(accuracy*counted, floor)
-      if (present(absolute) .and. asked(k) > accuracy*range(k)) absolute(k) = asked(k)
-    end do
-    if (allocated(run%model_error)) where (asked < huge(1.0_wp)) asked = max(asked - run%model_error, (1 - modes_share)*asked)
-  end function asked_errors
-
-  !> How well the times of events are known, and up to when the sequences of both runs agree.
-  subroutine event_words(run, c, ratio, text)
-    type(run_state), intent(in) :: run
-    type(pass_rows), intent(in) :: c
-    real(wp), intent(in) :: ratio              !! error over the difference [-]
+    type(pass_ladder), intent(in) :: ladder
     type(summary_record), intent(inout) :: text
-    if (run%sys%roots == 0) return
-    call text%line('  events of both runs: {events_compared #}, their times err by an estimated {event_time_error 2} s at most', &
-                   [real(wp) :: c%matched, ratio*c%event_error])
-    if (c%differ_at < 0.0_wp) return
-    call text%line('  events differ from t = {events_differ_from 6} s', [c%differ_at])
-    call text%warn('from t = '//short_text(c%differ_at, 6)//' s on the event sequences of both runs differ: rows beyond are '// &
-                   'not predictable, and their errors not estimated')
-  end subroutine event_words
-
-  !> Why the estimate may be too small; empty: no reason. A vibration that both runs damp away is missing in both: the second
-  !> one's energy balance then closes no better.
-  function doubts(march, fail) result(text)
-    type(transient_march), intent(in) :: march
-    type(failure), intent(in) :: fail          !! of the second run
-    character(:), allocatable :: text
-    text = ''
-    associate (first => march%ladder%passes(1))
-      if (fail%happened()) then
-        text = 'the second run failed after t = '//short_text(march%last, 3)//' s: errors are unknown from there on'
-      else if (first%share > rounding .and. march%balance%largest_residual > converging*first%residual) then
-        text = 'the energy balance of the second run closes hardly better: vibrations that both runs damp away between rows '// &
-               'are missing in these estimates; a smaller output_step or step shows them'
+    character(80), allocatable :: names(:)
+    integer :: k
+    if (ladder%estimates) return
+    names = labels_of(compared_columns(run))
+    call text%line('')
+    call text%open('accuracy', '{')
+    call text%line('accuracy of {asked} of the range of each column, kept where two passes agree so well; cost in explicit '// &
+                   'evaluations', [run%d%transient%accuracy])
+    call text%open('passes', '[')
+    do k = 1, ladder%count
+      call pass_line(ladder%passes(k), k, text)
+    end do
+    call text%close()
+    call text%line('  cost of all passes: {cost #}', [sum(ladder%passes%cost)])
+    associate (kept => ladder%over .and. ladder%reason == '', delivered => ladder%delivered())
+      if (ladder%over) call text%member('kept', either('true', 'false', kept))
+      if (delivered > 0) call text%line('  the results are those of pass {results_of_pass #}', [real(wp) :: delivered])
+      if (kept) call text%line('  accuracy: kept, the last two passes agree in all columns and events')
+      if (ladder%over .and. delivered > 0) then
+        names = pack(names, ladder%apart(:size(names), delivered) > 1.0_wp)
+        call text%open('not_kept', '[')
+        do k = 1, size(names)
+          call text%line('  accuracy not kept: {='//trim(names(k))//'}')
+        end do
+        call text%close()
+        if (.not. kept) call text%warn(not_kept_words(ladder, ladder%passes(delivered), names))
       end if
     end associate
-  end function doubts
+    call text%close()
+  end subroutine ladder_lines
+
+  !> A pass: its method and setting, what it has cost, how it ended, what sets the cost of the next one.
+  subroutine pass_line(pass, k, text)
+    type(pass_record), intent(in) :: pass
+    integer, intent(in) :: k                  !! number of the pass
+    type(summary_record), intent(inout) :: text
+    character(*), parameter :: endings(2:3) = [character(8) :: 'given up', 'failed']
+    call text%open('', '{')
+    call text%say('  pass '//to_text(k)//': {method='//trim(pass%method)//'}, '//either('step {step} s', 'tolerance {tolerance}', &
+                                                                                       pass%fixed), [pass%setting])
+    if (pass%outcome == under_way) then
+      call text%say(', under way')
+    else
+      call text%say(', cost {cost #}', [pass%cost])
+      if (pass%outcome > finished) call text%say(', '//trim(endings(pass%outcome))//' at t = {reached 3} s', [pass%reached])
+      if (pass%outcome == finished) call text%member('reached', json_number(pass%reached))
+    end if
+    if (pass%column /= '') call text%say('; {worst_column='//trim(pass%column)//'} differs by {worst_error_of_asked 1} of what '// &
+                                         'is asked from pass {compared_with #}', [pass%apart, real(k - 1, wp)])
+    if (pass%differ_at >= 0.0_wp) call text%say('; events differ from t = {events_differ_from 3} s', [pass%differ_at])
+    call text%line('')
+    call text%close()
+  end subroutine pass_line
+
+  !> Why columns may err by more than was asked, and which.
+  function not_kept_words(ladder, pass, names) result(words)
+    type(pass_ladder), intent(in) :: ladder
+    type(pass_record), intent(in) :: pass      !! that is delivered
+    character(*), intent(in) :: names(:)       !! of these columns
+    character(:), allocatable :: words
+    integer, parameter :: most = 5             ! named
+    words = 'the accuracy is not kept: '//trim(ladder%reason)
+    if (pass%differ_at >= 0.0_wp) words = words//'; events of the last two passes differ from t = '// &
+                                          short_text(pass%differ_at, 6)//' s on'
+    if (pass%column == '') then
+      words = words//'; errors are unknown: no other pass was finished'
+    else if (size(names) > 0) then
+      words = words//'; estimated errors, up to '//short_text(pass%apart, 1)//' of what is asked, are too large of '// &
+              joined(names(:min(size(names), most)), ', ')//either(' and others', ' alone', size(names) > most)
+    end if
+  end function not_kept_words
 end module accuracy_words

@@ -3,8 +3,6 @@
 module model_pilot
   use kinds, only: wp, ip
   use accuracy_ladder, only: least, smallest_accuracy, tighter
-  use accuracy_words, only: asked_errors
-  use column_ranges, only: column_range
   use deck_records, only: deck
   use errors, only: failure, fault_list, status_failed, status_signal
   use force_element, only: stage_transient
@@ -12,7 +10,7 @@ module model_pilot
   use static_analysis, only: run_static
   use step_counts, only: step_count
   use result_columns, only: result_column
-  use stored_pass, only: compared_columns, pass_rows
+  use stored_pass, only: compared_columns, pass_difference, pass_rows
   use summary_text, only: summary_record
   use text, only: either
   use transient, only: run_transient, transient_march
@@ -25,9 +23,7 @@ module model_pilot
   type, public :: pilot_result
     type(result_column), allocatable :: columns(:)
     type(pass_rows) :: rows
-    real(wp), allocatable :: error(:)         !! (columns) [of the column]
-    real(wp), allocatable :: range(:)         !! (columns) 0: rounding [of the column]
-    real(wp), allocatable :: asked(:)         !! (columns) errors that the accuracy allows; huge: any [of the column]
+    type(pass_difference) :: off              !! from that pilot
   contains
     procedure :: worst
   end type pilot_result
@@ -52,7 +48,7 @@ contains
   pure real(wp) function worst(self)
     class(pilot_result), intent(in) :: self
     worst = huge(1.0_wp)                      ! [-]
-    if (allocated(self%error)) worst = maxval(self%error/self%asked)
+    if (allocated(self%off%error)) worst = maxval(self%off%error/self%off%asked)
   end function worst
 
   !> No pilots yet. Their own errors have to be small beside what the columns may err by, and what left-out modes ring by must not
@@ -80,7 +76,6 @@ contains
     type(transient_march) :: march
     type(fault_list) :: faults
     type(summary_record) :: unread
-    type(column_range) :: seen
     run%d = d
     run%folder = ''
     run%quiet = .true.
@@ -120,12 +115,11 @@ contains
     if (march%stopped) call fail%raise(status_failed, either( &
       'pilots have cost 1e9 explicit evaluations times unknowns', 'most_seconds ended the pilots', march%cost(run) > march%budget))
     if (fail%happened()) return
-    if (present(reference)) found%error = self%factor*march%rows%error
-    call march%rows%turn()
+    if (present(reference)) then
+      found%off = march%rows%difference(run)
+      found%off%error = self%factor*found%off%error
+    end if
+    call march%rows%turn(lost=.false.)
     found%rows = march%rows
-    if (.not. present(reference)) return
-    seen = march%compared_range()
-    found%range = seen%moved(run%sys%m%s, found%columns, d%transient%t_end)
-    found%asked = asked_errors(run, seen)
   end subroutine run_pilot
 end module model_pilot

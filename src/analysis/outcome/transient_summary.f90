@@ -1,8 +1,8 @@
-!> Lines of the summary about a transient: steps, evaluations, stable steps, those of `accuracy_words` and of the validity watch.
+!> Lines of the summary about a transient: steps, evaluations, stable steps, those energies, the validity watch.
 module transient_summary
   use kinds, only: wp
-  use accuracy_words, only: accuracy_lines
-  use errors, only: status_failed, status_ok
+  use balance_words, only: balance_lines, closing_lines
+  use errors, only: status_failed
   use material_band, only: motion_outside_band
   use scene_run, only: run_state
   use step_counts, only: actual_step
@@ -17,7 +17,7 @@ module transient_summary
 
 contains
 
-  !> The transient's part of the summary, open to errors that a second run will tell; warnings go to standard error too.
+  !> The transient's part of the summary, left open to estimated errors; warnings go to standard error too.
   subroutine transient_lines(run, march, status, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
@@ -48,9 +48,15 @@ contains
     call march%pairs%lines(run%sys%m, text)
     call friction_lines(run, text)
     call loss_lines(run, run%y, .false., text)
-    call accuracy_lines(run, march, status == status_failed, text)
+    call closing_lines(run, march, text)
+    if (status == status_failed) then
+      call text%line('  accuracy: unknown, the run failed; its last rows may be wrong')
+    else
+      call balance_lines(run, march, text)
+      if (.not. march%ladder%active) call text%line('  accuracy: the energy balance does not bound errors of columns: a '// &
+        'vibration that is late keeps its energy; check_error=.true. in &transient estimates the error of every column')
+    end if
     call validity_lines(run, status, text)
-    if (status /= status_ok .or. .not. march%ladder%estimates) call text%close()
   end subroutine transient_lines
 
   !> Names the columns that stand still but for rounding, with their values.

@@ -38,6 +38,7 @@ module energy_balance
     procedure :: diverged
     procedure :: count
     procedure :: moved
+    procedure :: floor => floor_of
     procedure :: exchanged
     procedure :: share
     procedure :: body_share

@@ -1,9 +1,10 @@
-!> Rows and events of a pass, and by how much those of the next one differ (theory.md, section 12). There is one table: the next
-!> pass puts its rows in place of those that it has been compared with. The columns are those of sensors, without any of all frames
-!> and nodes.
+!> Rows and events of a pass, and by how much those of the next one differ (theory.md, section 12). The columns are those of
+!> sensors, without any of all frames and nodes.
 module stored_pass
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use column_ranges, only: column_range
+  use deck_records, only: transient_record
   use result_columns, only: motion_columns, result_column
   use scene_run, only: run_state
   use switching, only: event_list, switch_event
@@ -11,27 +12,31 @@ module stored_pass
   private
   public :: compared_columns
 
-  !> A pass, and what the next one has shown beside it so far.
+  real(wp), parameter :: least_range = 1.0e-3_wp   !! that counts, of the largest one of its kind [-]
+
+  !> The last pass that was finished, and that under way.
   type, public :: pass_rows
-    real(wp), allocatable :: values(:, :)     !! (columns, 0:outputs) [of the column]
-    type(event_list), private :: events       !! of that pass
-    type(event_list), private :: present      !! of the pass under way
-    integer, private :: given = 0             !! events of that pass up to the last row
-    logical :: filled = .false.               !! there is such a pass
-    real(wp), allocatable :: error(:)         !! (columns) largest difference [of the column]
-    real(wp), allocatable :: agreed(:)        !! (columns) the same before events differ [of the column]
-    type(event_list), private :: waiting      !! events of the pass under way that the other one has not had yet
-    type(event_list), private :: others       !! events of the other pass that the one under way has not had yet
-    integer(ip) :: matched = 0                !! events of both
-    real(wp) :: event_error = 0.0_wp          !! largest difference of their times [s]
-    real(wp) :: differ_at = -1.0_wp           !! time from which the events of both differ, < 0: they do not [s]
+    real(wp), allocatable :: before(:, :), values(:, :)   !! (columns, 0:outputs) [of the column]
+    type(event_list) :: events_before, events
+    logical :: filled = .false.               !! there is a pass before
   contains
     procedure :: begin
-    procedure :: compare
+    procedure :: note
+    procedure :: difference
     procedure :: turn
-    procedure :: forget
     procedure :: exchange
   end type pass_rows
+
+  !> What two passes show beside each other.
+  type, public :: pass_difference
+    real(wp), allocatable :: error(:)         !! (columns) largest difference [of the column]
+    real(wp), allocatable :: range(:)         !! (columns) by how much they move; 0: rounding [of the column]
+    real(wp), allocatable :: asked(:)         !! (columns) errors that the accuracy allows; huge: any [of the column]
+    logical, allocatable :: absolute(:)       !! (columns) these are not set by the range alone
+    integer :: matched = 0                    !! events of both
+    real(wp) :: event_error = 0.0_wp          !! largest difference of their times [s]
+    real(wp) :: differ_at = -1.0_wp           !! time from which the events of both differ, < 0: they do not [s]
+  end type pass_difference
 
 contains
 
@@ -48,106 +53,129 @@ contains
     class(pass_rows), intent(inout) :: self
     integer, intent(in) :: columns
     integer(ip), intent(in) :: outputs        !! rows after that of t = 0
-    allocate (self%values(columns, 0:outputs), self%error(columns), self%agreed(columns), source=0.0_wp)
+    allocate (self%values(columns, 0:outputs), source=0.0_wp)
   end subroutine begin
 
-  !> A row of the pass under way, with its events since the last row: compared with that of the pass before, which it replaces. Also
-  !> beyond events that differ: a finer pass may come closer. Rows between an event of one pass and that of the other are left out.
-  subroutine compare(self, row, time, last, values, events)
+  !> A row of the pass under way, with its events since the last row.
+  subroutine note(self, row, values, events)
     class(pass_rows), intent(inout) :: self
     integer(ip), intent(in) :: row
-    real(wp), intent(in) :: time, last        !! of this row and of the last one [s]
     real(wp), intent(in) :: values(:)         !! (columns) [of the column]
     type(event_list), intent(in) :: events
-    logical :: between
     integer :: k
-    if (self%filled) then
-      do while (self%given < self%events%count)
-        if (self%events%items(self%given + 1)%t > time) exit
-        self%given = self%given + 1
-        call self%others%add(self%events%items(self%given))
-      end do
-      call match_events(self, events, merge(time, last, row == ubound(self%values, 2)), between)
-      if (.not. between) self%error = max(self%error, abs(values - self%values(:, row)))
-      if (self%differ_at < 0.0_wp) self%agreed = self%error
-    end if
     self%values(:, row) = values
     do k = 1, events%count
-      call self%present%add(events%items(k))
+      call self%events%add(events%items(k))
     end do
-  end subroutine compare
+  end subroutine note
 
-  !> Compares the events of both passes up to a row, element by element: two elements may switch in either order within the errors
-  !> of their times. What one pass has had and the other not a row later, or to the end, has no counterpart: from there on they are
-  !> two motions.
-  subroutine match_events(self, events, last, between)
+  !> The pass under way has come to its end; the next one is compared with it, if it was not lost.
+  subroutine turn(self, lost)
     class(pass_rows), intent(inout) :: self
-    type(event_list), intent(in) :: events    !! of the pass under way since the last row
-    real(wp), intent(in) :: last              !! events before this time must have one [s]
-    logical, intent(out) :: between           !! this row lies between an event of one pass and that of the other
-    type(switch_event) :: a, b
-    integer :: k, n
-    between = .false.
-    if (self%differ_at >= 0.0_wp) return
-    do k = 1, events%count
-      call self%waiting%add(events%items(k))
-    end do
-    associate (mine => self%waiting, other => self%others)
-      k = 1
-      do while (k <= mine%count .and. self%differ_at < 0.0_wp)
-        a = mine%items(k)
-        n = 0
-        if (other%count > 0) n = findloc(other%items(1:other%count)%element, a%element, 1)
-        if (n == 0) then
-          k = k + 1
-          cycle
-        end if
-        b = other%items(n)
-        if (a%from == b%from .and. a%to == b%to) then
-          self%matched = self%matched + 1
-          self%event_error = max(self%event_error, abs(a%t - b%t))
-        else
-          self%differ_at = min(a%t, b%t)
-        end if
-        call mine%remove(k)
-        call other%remove(n)
-      end do
-      if (self%differ_at >= 0.0_wp) return
-      call look_for_old(mine)
-      call look_for_old(other)
-      between = self%differ_at < 0.0_wp .and. mine%count + other%count > 0
-    end associate
-  contains
-    !> The first event of a list, if it has no counterpart.
-    subroutine look_for_old(list)
-      type(event_list), intent(in) :: list
-      if (list%count == 0 .or. self%differ_at >= 0.0_wp) return
-      if (list%items(1)%t < last) self%differ_at = list%items(1)%t
-    end subroutine look_for_old
-  end subroutine match_events
-
-  !> The pass under way has come to its end; the next one is compared with it.
-  subroutine turn(self)
-    class(pass_rows), intent(inout) :: self
-    self%events = self%present
-    call self%forget()
-    self%filled = .true.
+    logical, intent(in) :: lost
+    self%filled = .not. lost
+    self%before = self%values
+    self%events_before = self%events
+    self%events%count = 0
   end subroutine turn
 
-  !> The pass under way is over: its rows stand over those of the one before.
-  subroutine forget(self)
-    class(pass_rows), intent(inout) :: self
-    self%present%count = 0
-    self%waiting%count = 0
-    self%others%count = 0
-    self%given = 0
-    self%filled = .false.
-    self%error = 0.0_wp
-    self%agreed = 0.0_wp
-    self%matched = 0
-    self%event_error = 0.0_wp
-    self%differ_at = -1.0_wp
-  end subroutine forget
+  !> What the pass under way, at its end, shows beside the one before. Rows between an event of one pass and that of the other are
+  !> left out.
+  function difference(self, run) result(x)
+    class(pass_rows), intent(in) :: self
+    type(run_state), intent(in) :: run
+    type(pass_difference) :: x
+    type(column_range) :: seen
+    logical :: between(0:ubound(self%values, 2))
+    integer :: k
+    call match_events(self, run%d%transient, x, between)
+    allocate (x%error(size(self%values, 1)), source=0.0_wp)
+    do k = 0, ubound(between, 1)
+      if (.not. between(k)) x%error = max(x%error, abs(self%values(:, k) - self%before(:, k)))
+    end do
+    seen = column_range(minval(self%values, 2), maxval(self%values, 2))
+    x%range = seen%moved(run%sys%m%s, compared_columns(run), run%d%transient%t_end)
+    call find_asked(run, x)
+    if (allocated(run%model_error)) where (x%asked < huge(1.0_wp)) x%error = x%error + run%model_error
+  end function difference
+
+  !> Compares events element by element: two elements may switch in either order within the errors of their times. What one pass has
+  !> and the other not, or more than a row later, has no counterpart: from there on they are two motions.
+  subroutine match_events(self, r, x, between)
+    class(pass_rows), intent(in) :: self
+    type(transient_record), intent(in) :: r
+    type(pass_difference), intent(inout) :: x
+    logical, intent(out) :: between(0:)       !! (rows) events of both passes
+    type(switch_event), allocatable :: mine(:), other(:), a(:), b(:)
+    real(wp), allocatable :: first(:), last(:)   ! (pairs) earlier and later time [s]
+    integer :: k, n
+    between = .false.
+    first = [real(wp) ::]
+    last = first
+    mine = within(self%events, r%t_end)
+    other = within(self%events_before, r%t_end)
+    do k = 1, maxval([mine%element, other%element])
+      a = pack(mine, mine%element == k)
+      b = pack(other, other%element == k)
+      n = min(size(a), size(b))
+      n = findloc([a(:n)%from == b(:n)%from .and. a(:n)%to == b(:n)%to .and. &
+                   abs(row_before(a(:n)%t) - row_before(b(:n)%t)) <= 1, .false.], .false., 1) - 1
+      first = [first, min(a(:n)%t, b(:n)%t)]
+      last = [last, max(a(:n)%t, b(:n)%t)]
+      if (n == max(size(a), size(b))) cycle
+      associate (at => minval([a(n + 1:)%t, b(n + 1:)%t]))
+        x%differ_at = merge(at, min(at, x%differ_at), x%differ_at < 0.0_wp)
+      end associate
+    end do
+    do k = 1, size(first)
+      if (x%differ_at >= 0.0_wp .and. first(k) >= x%differ_at) cycle
+      x%matched = x%matched + 1
+      x%event_error = max(x%event_error, last(k) - first(k))
+      between(row_before(first(k)) + 1:row_before(last(k))) = .true.
+    end do
+  contains
+    !> Number of the last row before a time.
+    elemental integer(ip) function row_before(t) result(row)
+      real(wp), intent(in) :: t               !! [s]
+      row = int(t/r%output_step, ip)
+    end function row_before
+  end subroutine match_events
+
+  !> Events of a run before its end: the last one of many rebounds is dated when all are over.
+  pure function within(list, t_end) result(events)
+    type(event_list), intent(in) :: list
+    real(wp), intent(in) :: t_end             !! [s]
+    type(switch_event), allocatable :: events(:)
+    allocate (events(0))
+    if (list%count > 0) events = pack(list%items(:list%count), list%items(:list%count)%t < t_end)
+  end function within
+
+  !> The error that each column may have: the accuracy of its sensor times its range, or the sensor's floor; any where a column is
+  !> constant but for rounding, or counts states or elements. A range counts at least a thousandth of the largest one of the same
+  !> quantity and unit: a column that hardly moves beside them shall not set the cost.
+  subroutine find_asked(run, x)
+    type(run_state), intent(in) :: run
+    type(pass_difference), intent(inout) :: x
+    type(result_column), allocatable :: columns(:)
+    real(wp) :: accuracy, floor, counted      ! [-], [of the column]
+    integer :: k, n
+    columns = compared_columns(run)
+    x%asked = spread(huge(1.0_wp), 1, size(columns))
+    x%absolute = spread(.false., 1, size(columns))
+    if (.not. run%d%transient%accuracy > 0.0_wp) return
+    do k = 1, size(columns)
+      if (.not. x%range(k) > 0.0_wp .or. columns(k)%unit == '-') cycle
+      accuracy = run%d%transient%accuracy
+      floor = 0.0_wp
+      n = count(run%list%first <= k)
+      if (n > 0) floor = run%d%sensors(n)%floor
+      if (n > 0) accuracy = merge(run%d%sensors(n)%accuracy, accuracy, run%d%sensors(n)%accuracy > 0.0_wp)
+      counted = maxval(x%range, columns%quantity == columns(k)%quantity .and. columns%unit == columns(k)%unit)
+      counted = max(x%range(k), least_range*counted)
+      x%asked(k) = max(accuracy*counted, floor)
+      x%absolute(k) = x%asked(k) > accuracy*x%range(k)
+    end do
+  end subroutine find_asked
 
   !> Saves or restores all of it.
   subroutine exchange(self, a)
@@ -155,12 +183,11 @@ contains
     type(value_archive), intent(inout) :: a
     if (.not. allocated(self%values)) return
     call a%exchange(self%values)
+    call a%exchange(self%filled)
     call self%events%exchange(a)
-    call self%present%exchange(a)
-    call a%exchange(self%given, self%filled)
-    call a%exchange(self%error, self%agreed)
-    call self%waiting%exchange(a)
-    call self%others%exchange(a)
-    call a%exchange(self%matched, self%event_error, self%differ_at)
+    call self%events_before%exchange(a)
+    if (.not. self%filled) return
+    if (.not. a%saving) self%before = self%values
+    call a%exchange(self%before)
   end subroutine exchange
 end module stored_pass

@@ -54,7 +54,6 @@ module transient
     logical :: stopped = .false.               !! it was
   contains
     procedure :: cost
-    procedure :: compared_range
     procedure :: exchange
   end type transient_march
 
@@ -138,7 +137,7 @@ contains
     type(failure), intent(inout) :: fail
     logical :: ok
     associate (last => march%ladder%count - 1)
-      if (last == 0 .or. march%ladder%delivered /= last) return
+      if (last == 0 .or. march%ladder%delivered() /= last) return
       call march%files%publish(run%folder, pass_suffix(last), ok)
       if (.not. ok) call no_output(run, fail)
     end associate
@@ -158,7 +157,7 @@ contains
     march%restarts = march%restarts + 1
     delivered = ''
     associate (last => march%ladder%count - 1)
-      if (last > 0 .and. march%ladder%delivered == last) delivered = pass_suffix(last)
+      if (last > 0 .and. march%ladder%delivered() == last) delivered = pass_suffix(last)
     end associate
     call march%files%resume(run%folder, delivered, run%sys%m, run%list, run%d%transient%motion_step > 0.0_wp)
     if (march%files%incomplete) then
@@ -185,7 +184,7 @@ contains
       do while (outcome == paused)
         call one_portion(run, march, from, to, outcome)
         if (march%pilot .or. march%ladder%active) then
-          march%stopped = run%late() .and. (march%pilot .or. march%ladder%delivered > 0)
+          march%stopped = run%late() .and. (march%pilot .or. march%ladder%delivered() > 0)
           if (march%cost(run) > march%budget) march%stopped = .true.
         end if
         if (march%stopped .and. outcome == paused) return
@@ -244,9 +243,9 @@ contains
       call march%pairs%note(run%sys%m, run%sys%ev, t)
       if (allocated(march%rows%values)) then
         if (size(files%values) > 0) then
-          call march%rows%compare(k, t, march%last, files%values, run%sys%events)
+          call march%rows%note(k, files%values, run%sys%events)
         else
-          call march%rows%compare(k, t, march%last, motion_row(run%sys%m, y(1:nq)), run%sys%events)
+          call march%rows%note(k, motion_row(run%sys%m, y(1:nq)), run%sys%events)
         end if
       end if
       call run%watch%note(run%sys%m, run%sys%ev, y(1:nq), y(nq + 1:2*nq))
@@ -267,13 +266,6 @@ contains
     type(run_state), intent(in) :: run
     cost = run%sys%ev%evaluations + self%method%implicit_work()   ! [-]
   end function cost
-
-  !> Smallest and largest values of the columns that are compared.
-  pure type(column_range) function compared_range(self) result(seen)
-    class(transient_march), intent(in) :: self
-    seen = self%seen
-    if (allocated(self%rows%values)) seen = column_range(minval(self%rows%values, 2), maxval(self%rows%values, 2))
-  end function compared_range
 
   !> Checks the row just read: energies, shapes and joints show whether the solution is lost.
   subroutine check_row(run, march, t, fail)
