@@ -14,7 +14,7 @@ module errors
   integer, parameter, public :: status_no_output = 3  !! results could not be written
   integer, parameter, public :: status_signal = 128   !! plus the signal's number: stopped cleanly by that signal
 
-  integer, parameter :: most_shown = 100              !! faults that are written; nobody reads more
+  integer, parameter, public :: most_shown = 100              !! faults that are written; nobody reads more
 
   !> One line of a diagnosis: where, what, and what was expected.
   type :: fault

@@ -8,8 +8,7 @@ module whole_file
   public :: read_file
 
   character(*), parameter, public :: from_input = '-'   !! path of a deck that stands on standard input
-  integer, parameter :: longest_file = 1000000000  !! positions in it are 32-bit integers [bytes]
-  integer, parameter :: longest_stream = 20000000  !! more is endless input [bytes]
+  integer, parameter :: longest = 200000000        !! more is endless input [bytes]
   integer, parameter :: at_a_time = 65536          !! [bytes]
 
 contains
@@ -25,7 +24,7 @@ contains
     logical, intent(in), optional :: handed                !! the path may mean what the program is handed
     type(text_buffer) :: raw
     character(at_a_time) :: piece
-    integer(ip) :: most
+    integer(ip) :: bytes
     integer :: handle, n
     logical :: stream, closed
     content = ''
@@ -38,17 +37,18 @@ contains
       problem = reason()
       return
     end if
-    most = longest_stream
-    if (.not. stream) most = size_of(handle)
-    if (most < 0) problem = 'not an ordinary file'
-    if (most == 0) problem = 'empty, or not an ordinary file'
-    if (most == size_of_folder) problem = 'is a directory'
+    if (.not. stream) then
+      bytes = size_of(handle)
+      if (bytes < 0) problem = 'not an ordinary file'
+      if (bytes == 0) problem = 'empty, or not an ordinary file'
+      if (bytes == size_of_folder) problem = 'is a directory'
+    end if
     do while (len(problem) == 0)
       n = read_bytes(handle, piece)
       if (n < 0) problem = reason()
       if (n <= 0) exit
       call raw%add(piece(:n))
-      if (raw%used > min(most, int(longest_file, ip))) problem = 'endless or too long'
+      if (raw%used > longest) problem = 'endless or too long'
     end do
     if (handle /= standard_input) closed = close_file(handle)   ! its number would be the next file's
     if (len(problem) > 0) return

@@ -200,7 +200,7 @@ def test_parts_of_parts_without_number_are_refused(run_deck, tmp_path):
         (tmp_path / f"p{k}.nml").write_text("".join(f"&include file='p{k + 1}.nml' prefix='{side}' /\n" for side in "ab"))
     (tmp_path / "p20.nml").write_text("&lump body='disc' mass=1 /\n")
     done = run_deck(DISC + "&include file='p0.nml' /\n", "--check", expect=2)
-    assert "include: file='p1.nml' is one file too many, expected at most 10000\n" in done.stderr
+    assert "include: file='p1.nml' is one file too many, expected at most 5000\n" in done.stderr
 
 
 def test_tables_are_scaled_and_shifted(run_deck, tmp_path):

@@ -8,8 +8,7 @@ module deck_geometry
   private
   public :: check_frame, check_reference, removed_coordinates
 
-  real(wp), parameter :: singular = 1.0e-12_wp     !! smaller determinants count as zero [-]
-  real(wp), parameter :: tiny_length = 1.0e-9_wp   !! elements shorter than this times the frame's size have no length [-]
+  real(wp), parameter :: apart = sqrt(epsilon(1.0_wp))   !! nearer nodes, over the body's size, are one to its stiffness [-]
 
 contains
 
@@ -42,7 +41,7 @@ contains
         problem = ''
         if (min(i, j) < 1 .or. max(i, j) > b%nodes) then
           problem = ': no such node, expected 1 to '//to_text(b%nodes)
-        else if (hypot(b%node_x(j) - b%node_x(i), b%node_y(j) - b%node_y(i)) <= tiny_length*size_of_frame) then
+        else if (hypot(b%node_x(j) - b%node_x(i), b%node_y(j) - b%node_y(i)) <= apart*size_of_frame) then
           problem = ' has no length, expected two nodes apart'
         end if
         if (len(problem) == 0) cycle
@@ -117,32 +116,29 @@ contains
       end do
     end subroutine check_lists
 
-    !> Reports removed coordinates that leave a rigid motion of the body free.
+    !> Reports removed coordinates that leave a rigid motion of the body free: a translation, or the rotation about the point whose
+    !> x is that of all nodes without v and whose y is that of all nodes without u.
     subroutine check_rank()
       real(wp), allocatable :: x(:), y(:)    ! nodes [m]
-      real(wp) :: a(3, 3)                    ! rows of the removed coordinates, transposed, times themselves [-]
-      real(wp) :: extent                     ! largest distance of a node from node 1 [m]
+      real(wp) :: extent                     ! of the body [m]
       logical :: removed(3, b%nodes)
       character(:), allocatable :: name, what
-      integer :: k, dof
+      integer :: k
       if (b%kind == 'frame') then
         x = b%node_x
         y = b%node_y
       else
-        x = [(max(b%length, tiny(1.0_wp))*real(k, wp)/real(b%elements, wp), k=0, b%elements)]
+        x = [(real(k, wp), k=0, b%elements)]           ! whatever the length
         allocate (y(size(x)), source=0.0_wp)
       end if
-      extent = maxval(hypot(x - x(1), y - y(1)))
+      extent = hypot(maxval(x) - minval(x), maxval(y) - minval(y))
       if (extent <= 0.0_wp) return
-      a = 0.0_wp
       removed = removed_coordinates(b)
-      do k = 1, b%nodes
-        do dof = 1, 3
-          if (removed(dof, k)) call add_row(a, dof, (x(k) - x(1))/extent, (y(k) - y(1))/extent)
-        end do
-      end do
-      if (a(1, 1)*(a(2, 2)*a(3, 3) - a(2, 3)**2) - a(2, 2)*a(1, 3)**2 &                  ! their determinant: no row has u and v
-          > singular*(a(1, 1) + a(2, 2) + a(3, 3))**3) return
+      if (any(removed(1, :)) .and. any(removed(2, :))) then
+        if (any(removed(3, :))) return
+        if (maxval(y, removed(1, :)) - minval(y, removed(1, :)) > apart*extent) return
+        if (maxval(x, removed(2, :)) - minval(x, removed(2, :)) > apart*extent) return
+      end if
       name = 'reference'
       if (b%reference == 'explicit') name = 'reference_dof'
       what = 'reference=''pinned'' (u and v of the first node, v of the last) leaves'
@@ -171,16 +167,4 @@ contains
     case default   ! 'free': with modes
     end select
   end function removed_coordinates
-
-  !> Adds the row of one removed coordinate: u = tx - ω y, v = ty + ω x, r = ω for the motion (tx, ty, ω).
-  pure subroutine add_row(normal, dof, x, y)
-    real(wp), intent(inout) :: normal(3, 3)   !! [-]
-    integer, intent(in) :: dof                !! 1: u, 2: v, 3: r
-    real(wp), intent(in) :: x, y              !! the node, over the size [-]
-    real(wp) :: row(3)
-    row = [0.0_wp, 0.0_wp, 1.0_wp]
-    if (dof == 1) row = [1.0_wp, 0.0_wp, -y]
-    if (dof == 2) row = [0.0_wp, 1.0_wp, x]
-    normal = normal + spread(row, 1, 3)*spread(row, 2, 3)
-  end subroutine add_row
 end module deck_geometry

@@ -3,21 +3,19 @@ module deck_histories
   use kinds, only: wp
   use readable_text, only: printable
   use whole_file, only: read_file
+  use step_counts, only: rounding_of
   use text, only: to_text, quoted
   use text_checksum, only: digest
   use deck_input, only: deck_source
   use deck_numbers, only: decades
   use deck_paths, only: path_from
   use deck_records, only: history_record
+  use deck_syntax, only: most, most_parts
   use deck_tables, only: read_columns
   use deck_take, only: take
   implicit none (type, external)
   private
   public :: read_history, read_lists, check_histories
-
-  integer, parameter :: most_parts = 10000   !! histories that one may be made of, those of its parts included
-  integer, parameter :: most_breakpoints = 1000000   !! of a periodic history over a run
-  integer, parameter :: finest_part = 256        !! shortest part of a periodic history, in roundings of its beginning
 
 contains
 
@@ -154,9 +152,9 @@ contains
         period = sum(h%durations)
         shortest = minval(h%durations)
       end if
-      if (until*n > most_breakpoints*period) call h%at%blame(deck%faults, 'its period of '//to_text(period)//' s has more than '// &
-        to_text(most_breakpoints)//' breakpoints in '//to_text(until)//' s, expected a longer period (or kind=''sine'')')
-      if (shortest < finest_part*spacing(abs(begins))) call h%at%blame(deck%faults, 'it begins at '//to_text(begins)// &
+      if (until*n > most*period) call h%at%blame(deck%faults, 'its period of '//to_text(period)//' s has more than '// &
+        to_text(most)//' breakpoints in '//to_text(until)//' s, expected a longer period (or kind=''sine'')')
+      if (shortest < 2*rounding_of(begins)) call h%at%blame(deck%faults, 'it begins at '//to_text(begins)// &
         ' s, where times are rounded to '//to_text(spacing(abs(begins)))//' s: too coarse for parts of '//to_text(shortest)// &
         ' s, expected a start nearer to t = 0')
     end subroutine check_period

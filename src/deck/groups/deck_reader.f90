@@ -76,6 +76,7 @@ contains
     call compute_values(source, pack(list, kinds == in_parameter), path, p)
     call allocate_records()
     call read_groups()
+    if (.not. d%transient%present) d%transient%accuracy = 0.0_wp
     call check_inertia()
     call check_response()
     call check_reduction()

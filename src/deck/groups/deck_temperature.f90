@@ -12,8 +12,8 @@ module deck_temperature
   private
   public :: set_temperatures, warm, has_shift
 
-  real(wp), parameter :: gas = 8.314462618_wp          !! molar gas constant [J/(mol K)]
-  real(wp), parameter :: zero_celsius = 273.15_wp      !! [K]
+  real(wp), parameter :: gas = 8.314462618_wp          !! R of theory.md, the molar gas constant [J/(mol K)]
+  real(wp), parameter :: zero_celsius = 273.15_wp      !! 0 C in kelvin [K]
 
 contains
 

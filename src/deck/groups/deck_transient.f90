@@ -17,7 +17,6 @@ contains
     class(deck_source), intent(inout) :: deck
     type(transient_record), intent(inout) :: t
     type(periodic_record), intent(inout) :: cycle       !! where the deck has one, it says how long a run is
-    real(wp), parameter :: default_accuracy = 1.0e-3_wp   ! [-]
     logical :: searched                 ! method and steps that keep an accuracy are
     t%free_method = .not. deck%is_given('method')
     searched = deck%is_given('accuracy') .or. (t%free_method .and. .not. (deck%is_given('step') .or. deck%is_given('tolerance')))
@@ -26,7 +25,7 @@ contains
     cycle%one_period = cycle%present .and. .not. deck%is_given('t_end')
     if (cycle%one_period) t%t_end = cycle%period
     if (.not. cycle%present) call deck%need('t_end')
-    if (searched .and. .not. deck%is_given('accuracy')) t%accuracy = default_accuracy
+    if (.not. searched) t%accuracy = 0.0_wp
     if (searched) then                   ! the accuracy chooses the steps
       t%adaptive = .true.
       call deck%refuse('step tolerance first_step max_step spectral_radius accept_unstable check_error', &

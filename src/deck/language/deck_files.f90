@@ -10,13 +10,10 @@ module deck_files
   use deck_overrides, only: add_override, override_file
   use expression, only: is_name
   use deck_paths, only: path_from
-  use deck_syntax, only: string_value, value_token
+  use deck_syntax, only: most_parts, string_value, value_token
   implicit none (type, external)
   private
   public :: read_source
-
-  integer, parameter :: deepest = 5000      !! files that include each other: each takes its part of the stack
-  integer, parameter :: most_files = 10000  !! of a deck: parts of parts could be without number
 
 contains
 
@@ -127,9 +124,7 @@ contains
     character(:), allocatable, intent(out) :: problem      !! empty if it may be read
     integer :: k
     problem = ''
-    if (deck%parts%sources(file)%depth >= deepest) problem = ' is included too deep, expected at most '//to_text(deepest)// &
-      ' files within each other'
-    if (deck%parts%source_count >= most_files) problem = ' is one file too many, expected at most '//to_text(most_files)
+    if (deck%parts%source_count >= most_parts) problem = ' is one file too many, expected at most '//to_text(most_parts)
     do k = 1, deck%parts%source_count
       if (deck%parts%sources(k)%key /= path .or. deck%parts%sources(k)%prefix /= deck%parts%sources(file)%prefix//prefix) cycle
       problem = ' is included before with the same names, expected every file once, or another prefix'

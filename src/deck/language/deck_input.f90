@@ -4,6 +4,7 @@ module deck_input
   use kinds, only: wp
   use readable_text, only: printable
   use text, only: joined, lower, meant_word, nearest_word, quoted, to_text
+  use errors, only: most_shown
   use deck_cursor, only: group_cursor
   use deck_key, only: expectation, kinds_text, longest_word, split, word_number
   use deck_keys, only: first_key, group_kinds, keys, last_key
@@ -75,7 +76,7 @@ contains
 
   !> The known name nearest to a misspelt one, as it would be written in a file; empty if none is near.
   subroutine nearest_name(self, file, kind, name, best)
-    class(deck_source), intent(inout) :: self
+    class(deck_source), intent(in) :: self
     integer, intent(in) :: file                !! number of the file
     integer, intent(in) :: kind                !! what it should name
     character(*), intent(in) :: name           !! as written there
@@ -83,6 +84,7 @@ contains
     integer :: level
     best = ''
     level = file
+    if (self%faults%count > most_shown) level = 0           ! nobody reads it
     do while (level > 0 .and. len(best) == 0)
       associate (prefix => self%parts%sources(level)%prefix)
         call self%names(kind)%nearest(prefix//name, best)

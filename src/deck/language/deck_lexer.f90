@@ -8,12 +8,11 @@ module deck_lexer
   use deck_keys, only: group_names
   use deck_numbers, only: read_integer
   use deck_syntax, only: group, setting, value_token, bare_value, string_value, expression_value, null_value, &
-    bad_value, shown
+    bad_value, most, shown
   implicit none (type, external)
   private
   public :: split_groups
 
-  integer, parameter :: most_repeats = 10000000   !! larger repeat counts are typing errors
   character(*), parameter :: single = '''', double = '"'
   character(*), parameter :: word_end = ' ,=/!&'//single//double//tab//lf   !! characters that end a word
 
@@ -189,9 +188,9 @@ contains
         if (word(star:star) == '*') then
           new%first = first + star
           call read_integer(word(1:star - 1), new%repeats, problem)
-          if (len(problem) > 0 .or. new%repeats < 1 .or. new%repeats > most_repeats) then
+          if (len(problem) > 0 .or. new%repeats < 1 .or. new%repeats > most) then
             call deck%add_fault(line, 'repeat count '// &
-              printable(word(1:star), shown)//' is out of range, expected 1* to '//to_text(most_repeats)//'*')
+              printable(word(1:star), shown)//' is out of range, expected 1* to '//to_text(most)//'*')
             new%form = bad_value
             new%repeats = 1
           else if (star == len(word)) then

@@ -23,7 +23,6 @@ module deck_names
     type(known_name), allocatable :: names(:)         ! in the order added
     integer, allocatable :: slots(:)                  ! open hash table: position in names, 0 free
     integer :: count = 0
-    integer :: comparisons = 0                        ! spent on nearest names so far
     logical, public :: complete = .true.              !! .false.: some names of this kind could not be read
   contains
     procedure :: add
@@ -31,8 +30,6 @@ module deck_names
     procedure :: nearest
     procedure :: is_empty
   end type name_table
-
-  integer, parameter :: most_comparisons = 1000000   !! bound on the work for nearest names in one deck
 
 contains
 
@@ -77,14 +74,13 @@ contains
   end function is_empty
 
   !> The known name nearest to a misspelt one, empty if none is near.
-  subroutine nearest(self, name, best)
-    class(name_table), intent(inout) :: self
+  pure subroutine nearest(self, name, best)
+    class(name_table), intent(in) :: self
     character(*), intent(in) :: name                  !! misspelt name
     character(:), allocatable, intent(out) :: best    !! known name as the deck writes it
     integer :: k
     best = ''
-    if (self%count == 0 .or. self%comparisons > most_comparisons .or. len_trim(name) > 2*name_length) return
-    self%comparisons = self%comparisons + self%count
+    if (self%count == 0 .or. len_trim(name) > 2*name_length) return
     k = nearest_word(name, self%names(:self%count)%text)
     if (k > 0) best = trim(self%names(k)%shown)
   end subroutine nearest

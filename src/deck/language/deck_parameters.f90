@@ -11,7 +11,7 @@ module deck_parameters
   use deck_numbers, only: check_range
   use deck_overrides, only: complain, written_as
   use deck_syntax, only: value_token, bare_value, expression_value, bad_value
-  use expression, only: constants, evaluate, find_names, most_names, name_letters
+  use expression, only: constants, evaluate, find_names, name_letters
   implicit none (type, external)
   private
   public :: compute_values
@@ -168,16 +168,17 @@ contains
       integer, intent(out) :: needed
       character(:), allocatable, intent(out) :: problem     !! empty: none, or one that is reported elsewhere
       logical, intent(out) :: good                          !! whether it has a value
-      character(name_letters) :: names(most_names)
-      real(wp) :: values(most_names)
+      character(name_letters), allocatable :: names(:)
+      real(wp), allocatable :: values(:)                    ! of the names [as the parameters]
       character(:), allocatable :: best
-      integer :: n, j, k
+      integer :: j, k
       needed = 0
       x = 0.0_wp
       problem = ''
       good = .true.
-      call find_names(text, names, n)
-      do j = 1, n
+      call find_names(text, names)
+      allocate (values(size(names)), source=0.0_wp)
+      do j = 1, size(names)
         call deck%find(file, in_parameter, trim(names(j)), k)
         good = good .and. k > 0
         if (k == not_there) then
@@ -197,7 +198,7 @@ contains
         if (needed > 0) return
       end do
       if (.not. good) return
-      call evaluate(text, names(1:n), values(1:n), x, problem)
+      call evaluate(text, names, values, x, problem)
       if (len(problem) == 0) call check_range(x, problem)
       good = len(problem) == 0
     end subroutine compute

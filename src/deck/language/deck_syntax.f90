@@ -4,6 +4,7 @@ module deck_syntax
   use kinds, only: wp
   use readable_text, only: printable
   use text, only: digits, letters, lower
+  use deck_key, only: longest_word
   use deck_paths, only: path_from
   implicit none (type, external)
   private
@@ -11,8 +12,9 @@ module deck_syntax
 
   character(*), parameter, public :: name_characters = letters//digits//'_-'   !! what a name may consist of, in lower case
 
-  integer, parameter, public :: longest = 32        !! letters of the longest variable's name
   integer, parameter, public :: shown = 40          !! characters of a faulty text shown in a message
+  integer, parameter, public :: most_parts = 5000   !! files of a deck, histories that one is made of: parts of parts grow fast
+  integer, parameter, public :: most = 1000000      !! repeats of a value, breakpoints of a history
 
   integer, parameter, public :: bare_value = 1      !! a number, a logical, or a word without quotes
   integer, parameter, public :: string_value = 2    !! text in quotes
@@ -38,7 +40,7 @@ module deck_syntax
   type, public :: setting
     integer :: first = 0           !! first character of the name in the file's text
     integer :: last = 0            !! last character of the name
-    character(longest) :: name = ''   !! in lower case; of a longer one, which no variable has, the beginning
+    character(longest_word + 1) :: name = ''   !! in lower case; of a longer one, which no variable has, the beginning
     integer :: line = 0
     integer :: first_value = 1     !! position of its first value
     integer :: values = 0          !! number of values, repeat counts not expanded
@@ -69,7 +71,6 @@ module deck_syntax
     integer :: parent = 0               !! number of the file that includes it, 0: the deck itself
     character(:), allocatable :: prefix !! of the names that it defines, those of the parts around it in front
     integer :: outer = 0                !! number of the file of the part around it, 0: it belongs to the deck itself
-    integer :: depth = 0                !! how many files include each other above it
     integer :: first_group = 1, last_group = 0   !! its groups
   end type source
 
@@ -119,7 +120,6 @@ contains
       new = source(path=path, text=text, parent=parent, prefix=prefix)
       new%key = path_from('', path)
       if (parent > 0) then
-        new%depth = self%sources(parent)%depth + 1
         new%prefix = self%sources(parent)%prefix//prefix
         new%outer = merge(parent, self%sources(parent)%outer, len(prefix) > 0)
       end if

@@ -6,14 +6,13 @@ module expression
   use readable_text, only: printable
   use text, only: digits, either, joined, letters, lower, nearest_word, to_text
   use deck_numbers, only: read_real
+  use deck_origin, only: name_length
   implicit none (type, external)
   private
   public :: evaluate, find_names, is_name, is_reserved, with_unit
 
-  integer, parameter, public :: name_letters = 33       !! more than a name may have, so that a longer one is not taken for it
-  integer, parameter, public :: most_names = 100        !! in one expression
+  integer, parameter, public :: name_letters = name_length + 1   !! so that a longer name is not taken for another one
   integer, parameter :: longest = 1000                  !! characters of an expression
-  integer, parameter :: deepest = 100                   !! parentheses, signs and powers within each other
   integer, parameter :: decades = 150                   !! of results
 
   character(5), parameter :: functions(13) = [character(5) :: 'sin', 'cos', 'tan', 'asin', 'acos', 'atan', 'atan2', 'sqrt', &
@@ -71,23 +70,18 @@ contains
 
   !> The names in an expression that are neither constants nor functions, in lower case, each as often as it stands there.
   !> Text in quotes, a fault of its own, has none.
-  pure subroutine find_names(text, names, count)
+  pure subroutine find_names(text, names)
     character(*), intent(in) :: text
-    character(name_letters), intent(out) :: names(most_names)   !! a longer one is cut: no parameter has it
-    integer, intent(out) :: count                               !! of names; of more the first
+    character(name_letters), allocatable, intent(out) :: names(:)   !! a longer one is cut: no parameter has it
+    character(name_letters) :: name
     type(symbol) :: now, next
-    count = 0
-    names = ''
+    allocate (names(0))
     if (len(text) > longest) return
     now = next_symbol(text, symbol())
-    do while (scan(now%kind, ' ''"') == 0 .and. count < most_names)
+    do while (scan(now%kind, ' ''"') == 0)
       next = next_symbol(text, now)
-      if (now%kind == 'a' .and. next%kind /= '(') then
-        if (.not. is_reserved(text(now%first:now%last))) then
-          count = count + 1
-          names(count) = lower(text(now%first:now%last))
-        end if
-      end if
+      name = lower(text(now%first:now%last))
+      if (now%kind == 'a' .and. next%kind /= '(' .and. .not. is_reserved(text(now%first:now%last))) names = [names, name]
       now = next
     end do
   end subroutine find_names
@@ -128,9 +122,7 @@ contains
     real(wp), intent(out) :: x                           !! 0 where there is a problem [any]
     character(:), allocatable, intent(out) :: problem
     type(symbol) :: now
-    integer :: depth
     problem = ''
-    depth = 0
     x = 0.0_wp
     if (len(text) > longest) then
       problem = 'is longer than '//to_text(longest)//' characters, expected a shorter one: its parts may be parameters'
@@ -155,7 +147,7 @@ contains
       if (len(problem) == 0) problem = what
     end subroutine fail
 
-    !> Sums and differences, from the left.
+    !> Sums and differences, from the left. The length of the text bounds how deep it is nested.
     recursive subroutine read_sum(x)
       real(wp), intent(out) :: x     !! [any]
       real(wp) :: y
@@ -190,15 +182,10 @@ contains
       end do
     end subroutine read_product
 
-    !> A power with its signs. Everything within something else passes here, so that the depth is counted here.
+    !> A power with its signs.
     recursive subroutine read_signed(x)
       real(wp), intent(out) :: x     !! [any]
       character(1) :: sign
-      x = 0.0_wp
-      depth = depth + 1
-      if (depth > deepest) call fail('is nested deeper than '//to_text(deepest)//' levels, expected fewer: its parts may be '// &
-        'parameters')
-      if (len(problem) > 0) return
       if (scan(now%kind, '+-') > 0) then
         sign = now%kind
         now = next_symbol(text, now)
@@ -207,7 +194,6 @@ contains
       else
         call read_power(x)
       end if
-      depth = depth - 1
     end subroutine read_signed
 
     !> A power, from the right: 2^3^2 = 2^9.
@@ -295,13 +281,8 @@ contains
       if (k > 0) x = constant_values(k)
       if (k > 0) return
       k = findloc(names == name, .true., 1)
-      if (k > 0) then
-        x = values(k)
-      else if (any(functions == name)) then
-        call fail('has '//name//' without an argument, expected '//name//'(...)')
-      else
-        call fail('has more than '//to_text(most_names)//' names, expected fewer: its parts may be parameters')
-      end if
+      if (k > 0) x = values(k)
+      if (k == 0) call fail('has '//name//' without an argument, expected '//name//'(...)')       ! that of a function
     end subroutine read_name
 
     !> A function with its arguments; the reader stands on the opening parenthesis.
