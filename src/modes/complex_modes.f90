@@ -9,7 +9,7 @@ module complex_modes
   use mode_list, only: check_undamped, check_whole, describe_searched, mode_set, residual_of, undamped_mode, vibration_mode, &
                        further_mode, real_pole, same_pole
   use natural_modes, only: lowest_natural_modes, rounding_level
-  use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root, pole_change
+  use pole_iteration, only: pole_state, start_pole, refine_pole, follow_damping, double_root
   use posix, only: caught_signal
   use sorting, only: ascending
   use reduced_system, only: reduced_model, reduced_poles, usual_unknowns
@@ -21,13 +21,10 @@ module complex_modes
   integer, parameter :: spare_motions = 40             !! likewise: a system that has no more is solved as a whole
   integer, parameter :: coupled_motions = 140          !! likewise where gyroscopic terms or an unsymmetric K couple all motions
   integer, parameter :: coupled_unknowns = 1000        !! likewise, or all are asked for: unknowns that are solved at once
-  real(wp), parameter :: largest_residual = 1.0e-7_wp  !! residual of a pole [-]
-  real(wp), parameter :: short_step = 0.04_wp          !! of the growing damping, where poles of coupled modes may meet [-]
-  real(wp), parameter :: root_spread = 0.01_wp         !! distance of the two values of a double root, over its modulus [-]
+  real(wp), parameter :: largest_residual = sqrt(epsilon(1.0_wp))   !! residual of a pole [-]
   real(wp), parameter :: rounding_part = 1.0e-10_wp    !! real or imaginary part that is rounding, over the modulus [-]
-  real(wp), parameter :: beside = 1.0e-4_wp            !! imaginary part of a second start, over the real one [-]
+  real(wp), parameter :: beside = epsilon(1.0_wp)**0.25_wp   !! imaginary part of a second start, over the real one [-]
   real(wp), parameter :: least_share = 0.5_wp          !! share of its motion beyond which a pole belongs to modes [-]
-  real(wp), parameter :: searched_share = 0.1_wp       !! likewise of an estimate of a pole [-]
 
   !> What the search for poles works with.
   type :: pole_search
@@ -37,9 +34,7 @@ module complex_modes
     complex(wp), allocatable :: decaying(:)            !! poles that decay where another grows [1/s]
     integer :: listed = 0                              !! modes that are asked for, the first ones
     complex(wp), allocatable :: span(:, :)             !! (p, listed) orthonormal, these modes on the basis of the model [-]
-    complex(wp), allocatable :: momenta(:, :)          !! (n, listed) M times that span [kg^1/2, kg^1/2 m]
     logical :: complete = .false.                      !! the reduced system is the whole one: its poles are all poles
-    type(mode_set) :: unlisted                         !! vibrations of modes that are not asked for, and poles of these
   end type pole_search
 
 contains
@@ -55,7 +50,6 @@ contains
     integer :: wanted, freedoms
     logical :: all_motions                             ! the system is reduced on all its motions
     call modes%clear(ds%n)
-    call s%unlisted%clear(ds%n)
     ok = .true.
     freedoms = ds%n - ds%rows
     wanted = min(asked, freedoms)
@@ -72,7 +66,7 @@ contains
     call check_undamped(ds, s%model%p == freedoms, [s%starts, s%decaying], modes)
     if (.not. ds%damped) return
     s%listed = maxval([0, modes%mode])
-    call span_modes(ds, s)
+    call span_modes(s)
     call s%model%split_into_parts(merge(usual_unknowns, coupled_unknowns, ds%symmetric .and. .not. all_motions))
     s%complete = s%model%exact .and. s%model%p == freedoms
     call list_vibrations(ds, s, modes)
@@ -162,15 +156,21 @@ contains
     yes = abs(lambda - start) <= 10*same_pole*abs(lambda)
   end function ended_near
 
-  !> Whether a search has made the estimate of a pole accurate. Of a double root the estimate has a few digits only.
-  pure logical function is_accurate(ds, damping, start, pole) result(yes)
-    type(stiffness_system), intent(in) :: ds
-    real(wp), intent(in) :: damping                    !! [-]
-    complex(wp), intent(in) :: start                   !! [1/s]
-    type(pole_state), intent(in) :: pole
-    yes = ended_near(pole%lambda, start)
-    if (.not. yes .and. abs(pole%lambda - start) <= root_spread*abs(start)) yes = double_root(ds, damping, pole)
-  end function is_accurate
+  !> The pole at which a search ends, where that has made an estimate accurate, else the estimate. Of a double root the estimate has
+  !> a few digits only.
+  subroutine make_accurate(ds, damping, lambda, x, pole, residual)
+    type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: damping                    !! 1: the damped system, 0: the undamped one [-]
+    complex(wp), intent(in) :: lambda                  !! [1/s]
+    complex(wp), intent(in) :: x(:)                    !! (n) shape [m, rad]
+    type(pole_state), intent(inout) :: pole
+    real(wp), intent(inout) :: residual                !! [-]
+    if (residual <= largest_residual) then
+      if (ended_near(pole%lambda, lambda) .or. double_root(ds, damping, pole)) return
+    end if
+    pole = start_pole(ds, lambda, x)
+    residual = residual_of(ds, lambda, pole%x, damping)
+  end subroutine make_accurate
 
   !> Whether an undamped pole decays.
   pure elemental logical function decays(lambda) result(yes)
@@ -185,41 +185,46 @@ contains
     integer, intent(in) :: wanted
     type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
+    real(wp) :: residual                               ! [-]
     integer :: j
     logical :: ok
     do j = 1, min(wanted, size(s%starts))
       if (caught_signal() > 0) return
-      pole = start_of_mode(ds, s, j)
-      ok = .true.
-      if (.not. ds%symmetric .and. abs(s%starts(j)) > 0.0_wp) then
-        call refine_pole(ds, 0.0_wp, pole_change, pole, ok)
-        if (abs(pole%lambda%re) <= rounding_part*abs(pole%lambda)) pole%lambda%re = 0.0_wp
-        if (abs(pole%lambda%im) <= rounding_part*abs(pole%lambda)) pole%lambda%im = 0.0_wp
-        if (ok) ok = pole%lambda%im >= 0.0_wp
-        if (s%model%p == ds%n - ds%rows) then            ! an eigenvalue of the whole system: the search makes it accurate
-          if (ok) ok = is_accurate(ds, 0.0_wp, s%starts(j), pole)
-          if (.not. ok) pole = start_of_mode(ds, s, j)
+      associate (x => matmul(s%model%basis, s%shapes(:, j)))
+        if (ds%symmetric .or. .not. abs(s%starts(j)) > 0.0_wp) then
+          pole = start_pole(ds, s%starts(j), x)
+          residual = residual_of(ds, pole%lambda, pole%x, 0.0_wp)
           ok = .true.
+        else
+          call search(ds, 0.0_wp, s%starts(j), x, pole, residual, ok)
+          if (abs(pole%lambda%re) <= rounding_part*abs(pole%lambda)) pole%lambda%re = 0.0_wp
+          if (s%model%p == ds%n - ds%rows) then          ! an eigenvalue of the whole system
+            call make_accurate(ds, 0.0_wp, s%starts(j), x, pole, residual)
+            ok = .true.
+          else if (ok) then
+            ok = is_new(ds, 0.0_wp, s%starts(j), pole, modes%find_alike(ds, pole%lambda, pole%x, undamped_mode))
+          end if
         end if
-        if (ok) ok = ended_near(pole%lambda, s%starts(j)) .or. modes%find_alike(ds, pole%lambda, pole%x, undamped_mode) == 0
-        if (.not. ok .and. pole%lambda%im > 0.0_wp) ok = double_root(ds, 0.0_wp, pole)
-      end if
+      end associate
       if (ok) then
         s%starts(j) = pole%lambda
-        call modes%add(undamped_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 0.0_wp), pole%x)
+        call modes%add(undamped_mode, j, pole%lambda, residual, pole%x)
       else
         modes%unfound = [modes%unfound, s%starts(j)]
       end if
     end do
   end subroutine list_undamped
 
-  !> The estimate of a pole that an undamped mode is.
-  type(pole_state) function start_of_mode(ds, s, j) result(pole)
+  !> Whether a pole found by a search is to be listed: it is not there yet, or a double one.
+  logical function is_new(ds, damping, start, pole, listed) result(yes)
     type(stiffness_system), intent(in) :: ds
-    type(pole_search), intent(in) :: s
-    integer, intent(in) :: j                           !! mode
-    pole = start_pole(ds, s%starts(j), matmul(s%model%basis, s%shapes(:, j)))
-  end function start_of_mode
+    real(wp), intent(in) :: damping                    !! [-]
+    complex(wp), intent(in) :: start                   !! estimate from which it was searched [1/s]
+    type(pole_state), intent(in) :: pole
+    integer, intent(in) :: listed                      !! number of a listed pole like it, 0: none
+    yes = listed == 0
+    if (.not. yes) yes = ended_near(pole%lambda, start) .and. double_root(ds, damping, pole)
+  end function is_new
 
   !> Follows the modes that are asked for to their vibrations.
   subroutine list_vibrations(ds, s, modes)
@@ -233,8 +238,8 @@ contains
       if (caught_signal() > 0) return
       if (s%starts(j)%im <= 0.0_wp .or. .not. any(modes%mode == j)) cycle   ! rigid, diverging or not found: no vibration to damp
       part = s%model%label(maxloc(abs(s%shapes(:, j)), 1))
-      pole = start_of_mode(ds, s, j)
-      call follow_damping(ds, 0.0_wp, 1.0_wp, merge(1.0_wp, short_step, count(s%model%label == part) == 1), pole, vibrates)
+      pole = start_pole(ds, s%starts(j), matmul(s%model%basis, s%shapes(:, j)))
+      call follow_damping(ds, 1.0_wp/count(s%model%label == part), pole, vibrates)   ! as many steps as poles it may meet
       if (.not. vibrates) cycle
       k = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode)
       if (k > 0) then                                  ! another mode has this vibration: are both one without damping, too?
@@ -243,22 +248,6 @@ contains
       call modes%add(vibration_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 1.0_wp), pole%x)
     end do
   end subroutine list_vibrations
-
-  !> Whether a vibrating pole belongs to a mode that is not asked for. Its damping is reduced to zero step by step: at the end it is
-  !> none of the modes asked for, or one whose vibration is already listed.
-  logical function belongs_to_other_mode(ds, s, modes, pole) result(yes)
-    type(stiffness_system), intent(inout) :: ds
-    type(pole_search), intent(in) :: s
-    type(mode_set), intent(in) :: modes
-    type(pole_state), intent(in) :: pole               !! damped
-    type(pole_state) :: undamped
-    integer :: j
-    undamped = pole
-    call follow_damping(ds, 1.0_wp, 0.0_wp, short_step, undamped, yes)
-    do j = 1, merge(s%listed, 0, yes)
-      if (ended_near(undamped%lambda, s%starts(j))) yes = yes .and. any(modes%kind == vibration_mode .and. modes%mode == j)
-    end do
-  end function belongs_to_other_mode
 
   !> The other poles of the modes that are asked for. A pole belongs to these modes if they together have more than half of its
   !> motion, by modal masses; among them it belongs to the one with the largest share. That needs no further modes, for any number
@@ -283,11 +272,8 @@ contains
       do k = 1, size(order)
         i = order(k)
         if (caught_signal() > 0) return
-        if (modes%match(poles%lambda(i))) cycle
-        if (s%unlisted%match(poles%lambda(i))) cycle
-        if (sum(abs(matmul(conjg(transpose(s%span)), poles%shape(:, i)))**2) <= &
-            merge(least_share, searched_share, s%complete)*sum(abs(poles%shape(:, i))**2)) cycle
-        call list_pole(ds, s, size(members) > 1 .and. s%listed < size(s%starts), poles%lambda(i), poles%shape(:, i), modes)
+        if (belongs_to_asked(s, poles%shape(:, i), sum(abs(poles%shape(:, i))**2))) &
+          call list_pole(ds, s, poles%lambda(i), poles%shape(:, i), modes)
       end do
     end do
     if (s%complete) then
@@ -297,45 +283,49 @@ contains
     end if
   end subroutine list_others
 
-  !> Lists one pole of the reduced system as one of the whole, unless it is listed, or the vibration of a mode that is not asked
-  !> for.
-  subroutine list_pole(ds, s, coupled, lambda, shape, modes)
+  !> Whether the modes that are asked for together have more than half of a motion, by modal masses.
+  pure logical function belongs_to_asked(s, shape, mass) result(yes)
+    type(pole_search), intent(in) :: s
+    complex(wp), intent(in) :: shape(:)                !! (p) its part in the basis of the model [kg^1/2, any]
+    real(wp), intent(in) :: mass                       !! of the whole motion [kg, any]
+    yes = sum(abs(matmul(conjg(transpose(s%span)), shape))**2) > least_share*mass
+  end function belongs_to_asked
+
+  !> Lists one pole of the reduced system as one of the whole, unless it is listed.
+  subroutine list_pole(ds, s, lambda, shape, modes)
     type(stiffness_system), intent(inout) :: ds
-    type(pole_search), intent(inout) :: s
-    logical, intent(in) :: coupled                     !! there are modes in its part that are not asked for
+    type(pole_search), intent(in) :: s
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: shape(:)                !! (p) [-]
     type(mode_set), intent(inout) :: modes
     type(pole_state) :: pole
-    real(wp) :: residual, mass                         ! [-], [kg]
+    real(wp) :: residual                               ! [-]
     integer :: owner, kind, k
-    logical :: ok, converged
-    call search(ds, lambda, matmul(s%model%basis, shape), pole, residual, converged)
-    ok = converged
-    if (ok) then
-      if (modes%match(pole%lambda, modes%find_alike(ds, pole%lambda, pole%x, vibration_mode))) return
-      if (s%unlisted%match(pole%lambda, s%unlisted%find_alike(ds, pole%lambda, pole%x, vibration_mode))) return
-      if (pole%lambda%im > 0.0_wp .and. coupled) then
-        if (belongs_to_other_mode(ds, s, modes, pole)) then
-          call s%unlisted%add(vibration_mode, 0, pole%lambda, 0.0_wp, pole%x)
+    logical :: converged
+    associate (x => matmul(s%model%basis, shape))
+      call search(ds, 1.0_wp, lambda, x, pole, residual, converged)
+      k = 0
+      if (converged) k = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode)
+      if (k > 0) then
+        if (.not. modes%matched(k)) then
+          modes%matched(k) = .true.
           return
         end if
       end if
-      if (s%complete) ok = is_accurate(ds, 1.0_wp, lambda, pole)
-    end if
-    if (s%complete .and. .not. ok) then
-      pole = start_pole(ds, lambda, matmul(s%model%basis, shape))
-      residual = residual_of(ds, lambda, pole%x, 1.0_wp)
-    else if (.not. s%complete) then
-      mass = abs(dot_product(pole%x, ds%momentum(pole%x)))
-      if (sum([(abs(dot_product(s%momenta(:, k), pole%x))**2, k=1, size(s%span, 2))]) <= least_share*mass) return
-      if (.not. converged) modes%not_converged = modes%not_converged + 1
-      if (.not. converged .or. abs(pole%lambda)**2 <= rounding_level(ds, abs(pole%x)/sqrt(mass))) return   ! or a rigid motion
-      ok = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode) == 0
-      if (.not. ok) ok = ended_near(pole%lambda, lambda) .and. double_root(ds, 1.0_wp, pole)
-      if (.not. ok) return
-    end if
+      if (s%complete) then
+        call make_accurate(ds, 1.0_wp, lambda, x, pole, residual)
+      else
+        if (.not. converged) modes%not_converged = modes%not_converged + 1
+        if (.not. converged) return
+        associate (p => ds%momentum(pole%x), mass => abs(dot_product(pole%x, ds%momentum(pole%x))))
+          if (.not. belongs_to_asked(s, matmul(p, s%model%basis), mass)) return
+          if (abs(pole%lambda)**2 <= rounding_level(ds, abs(pole%x)/sqrt(mass))) return   ! a rigid motion
+        end associate
+        if (.not. is_new(ds, 1.0_wp, lambda, pole, k)) return
+      end if
+    end associate
     owner = nearest_mode(shape, s%shapes)
+    if (owner > s%listed .and. pole%lambda%im > 0.0_wp) return   ! the vibration of a mode that is not asked for
     kind = further_mode
     if (owner <= s%listed .and. s%starts(owner)%im > 0.0_wp .and. &
         .not. any(modes%kind == vibration_mode .and. modes%mode == owner)) kind = vibration_mode
@@ -345,36 +335,36 @@ contains
     modes%matched(modes%count) = .true.
   end subroutine list_pole
 
-  !> The damped pole that a search from an estimate finds. From real numbers it finds real poles alone, but two real estimates may
+  !> The pole that a search from an estimate finds. From real numbers it finds real poles alone, but two real estimates may
   !> stand for a pair that vibrates: then it starts again beside the real axis.
-  subroutine search(ds, lambda, x, pole, residual, converged)
+  subroutine search(ds, damping, lambda, x, pole, residual, converged)
     type(stiffness_system), intent(inout) :: ds
+    real(wp), intent(in) :: damping                    !! 1: the damped system, 0: the undamped one [-]
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: x(:)                    !! (n) shape [m, rad]
     type(pole_state), intent(out) :: pole
     real(wp), intent(out) :: residual                  !! [-]
     logical, intent(out) :: converged                  !! the search ended at a pole
     pole = start_pole(ds, lambda, x)
-    call refine_pole(ds, 1.0_wp, pole_change, pole, converged)
+    call refine_pole(ds, damping, pole, converged)
     if (.not. (converged .or. abs(lambda%im) > 0.0_wp)) then
       pole = start_pole(ds, lambda*cmplx(1.0_wp, beside, wp), x)
-      call refine_pole(ds, 1.0_wp, pole_change, pole, converged)
+      call refine_pole(ds, damping, pole, converged)
     end if
     if (abs(pole%lambda%im) <= rounding_part*abs(pole%lambda)) pole%lambda%im = 0.0_wp
     if (pole%lambda%im < 0.0_wp) pole%x = conjg(pole%x)
     pole%lambda%im = abs(pole%lambda%im)
-    residual = residual_of(ds, pole%lambda, pole%x, 1.0_wp)
+    residual = residual_of(ds, pole%lambda, pole%x, damping)
     converged = converged .and. residual <= largest_residual
   end subroutine search
 
   !> The space of the modes that are asked for, mass-orthonormal.
-  subroutine span_modes(ds, s)
-    type(stiffness_system), intent(in) :: ds
+  subroutine span_modes(s)
     type(pole_search), intent(inout) :: s
     complex(wp) :: v(s%model%p)                        ! [-]
     real(wp) :: before                                 ! [-]
     integer :: j, k, pass
-    allocate (s%span(s%model%p, 0), s%momenta(ds%n, s%listed))
+    allocate (s%span(s%model%p, 0))
     do j = 1, s%listed
       v = s%shapes(:, j)
       before = norm2(abs(v))
@@ -384,10 +374,6 @@ contains
         end do
       end do
       if (norm2(abs(v)) > rounding_part*before) s%span = reshape([s%span, v/norm2(abs(v))], [s%model%p, size(s%span, 2) + 1])
-    end do
-    s%momenta = s%momenta(:, 1:size(s%span, 2))
-    do j = 1, size(s%span, 2)
-      s%momenta(:, j) = ds%momentum(matmul(s%model%basis, s%span(:, j)))
     end do
   end subroutine span_modes
 

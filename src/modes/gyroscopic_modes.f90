@@ -12,8 +12,8 @@ module gyroscopic_modes
   public :: mass_operator, add_motion, lowest_motions, rigid_motions_first
 
   integer, parameter :: passes = 4                 !! of inverse iteration
-  real(wp), parameter :: new = 1.0e-6_wp           !! size of what a motion adds to a basis, over its own [-]
-  real(wp), parameter :: no_stiffness = 1.0e-9_wp  !! singular value of K below which a motion is rigid, K scaled to 1 [-]
+  real(wp), parameter :: new = sqrt(epsilon(1.0_wp))   !! size of what a motion adds to a basis, over its own [-]
+  real(wp), parameter :: no_stiffness = sqrt(epsilon(1.0_wp))   !! singular value of K below which a motion is rigid, K scaled to 1 [-]
 
   !> Positions and rates side by side.
   type, extends(constrained_operator) :: mass_operator

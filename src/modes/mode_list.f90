@@ -6,6 +6,7 @@ module mode_list
   use kinds, only: wp, pi
   use dynamic_stiffness, only: stiffness_system
   use natural_modes, only: highest_ratio
+  use pole_iteration, only: alike
   use text, only: to_text
   implicit none (type, external)
   private
@@ -15,7 +16,7 @@ module mode_list
 
   real(wp), parameter, public :: same_pole = 1.0e-6_wp !! distance of two estimates of one pole, over its modulus [-]
 
-  real(wp), parameter :: least_gap = 0.01_wp           !! smallest gap between squared frequencies, over the upper one [-]
+  real(wp), parameter :: least_gap = epsilon(1.0_wp)**0.25_wp   !! between squared frequencies, over the upper one [-]
   real(wp), parameter :: rounding_gap = 100*epsilon(1.0_wp) !! likewise, over the highest of all [-]
   integer, parameter :: further_modes = 5              !! modes beyond the list whose frequencies are accurate
 
@@ -27,7 +28,7 @@ module mode_list
     complex(wp), allocatable :: lambda(:)              !! pole [1/s]
     real(wp), allocatable :: residual(:)               !! of T x, relative to the sum of its parts [-]
     complex(wp), allocatable :: x(:, :)                !! (n, count) shapes [m, rad, of any size]
-    logical, allocatable :: matched(:)                 !! it matches a pole of the reduced system
+    logical, allocatable :: matched(:)                 !! a search from a pole of the reduced system has ended at it
     complex(wp), allocatable :: unfound(:)             !! undamped modes asked for and not found, nearly [1/s]
     integer :: not_converged = 0                       !! searches for further poles that did not end at one
     integer :: missing_undamped = 0                    !! modes that are counted and not in the list
@@ -39,7 +40,6 @@ module mode_list
     procedure :: clear
     procedure :: add => add_mode
     procedure :: find_alike
-    procedure :: match
   end type mode_set
 
 contains
@@ -60,41 +60,16 @@ contains
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: x(:)                    !! (n) its shape [m, rad]
     integer, intent(in) :: kind                        !! undamped_mode, or any other for damped poles
-    complex(wp) :: mx(size(x))                         ! [kg m, kg m2]
-    real(wp) :: alike
     integer :: j
     number = 0
     do j = 1, self%count
       if ((self%kind(j) == undamped_mode) .neqv. (kind == undamped_mode)) cycle
       if (min(abs(lambda - self%lambda(j)), abs(lambda - conjg(self%lambda(j)))) > same_pole*abs(lambda)) cycle
-      mx = ds%momentum(x)
-      alike = max(abs(dot_product(self%x(:, j), mx))**2, abs(sum(self%x(:, j)*mx))**2)
-      alike = alike/(abs(dot_product(x, mx))*abs(dot_product(self%x(:, j), ds%momentum(self%x(:, j)))))
-      if (alike <= 0.99_wp) cycle
+      if (.not. alike(ds, x, self%x(:, j))) cycle
       number = j
       if (.not. self%matched(j)) return
     end do
   end function find_alike
-
-  !> Marks a damped pole of the list, the given one or the nearest, as that of a pole of the reduced system. False where there is
-  !> none, or it was marked before.
-  logical function match(self, lambda, number) result(yes)
-    class(mode_set), intent(inout) :: self
-    complex(wp), intent(in) :: lambda                  !! [1/s]
-    integer, intent(in), optional :: number            !! in the list, 0: none
-    integer :: j
-    if (present(number)) then
-      j = number
-    else
-      j = minloc(abs(self%lambda - lambda), 1, self%kind /= undamped_mode .and. .not. self%matched)
-      if (j > 0) then
-        if (abs(self%lambda(j) - lambda) > 1.0e-7_wp*abs(lambda)) j = 0
-      end if
-    end if
-    yes = j > 0
-    if (yes) yes = .not. self%matched(j)
-    if (yes) self%matched(j) = .true.
-  end function match
 
   !> |T x| against the sum of its parts, constraints left aside. A rigid motion has no forces: they are compared with those of a
   !> deformation as large.
@@ -201,18 +176,14 @@ contains
     real(wp), intent(in) :: omega2(:)                  !! [rad2/s2]
     integer, intent(in) :: last                        !! the last one listed
     real(wp), intent(in) :: rounding                   !! [rad2/s2]
-    do k = last, min(last + further_modes, size(omega2) - 1)
-      if (wide()) return
+    integer, allocatable :: candidates(:)
+    candidates = [(k, k=last, min(last + further_modes, size(omega2) - 1)), (k, k=min(last, size(omega2)) - 1, 1, -1), 0]
+    do k = 1, size(candidates) - 1
+      associate (upper => omega2(candidates(k) + 1))
+        if (upper - omega2(candidates(k)) > max(least_gap*abs(upper), rounding)) exit
+      end associate
     end do
-    do k = min(last, size(omega2)) - 1, 1, -1
-      if (wide()) return
-    end do
-    k = 0
-  contains
-    !> Whether the gap above mode k is.
-    pure logical function wide()
-      wide = omega2(k + 1) - omega2(k) > max(least_gap*abs(omega2(k + 1)), rounding)
-    end function wide
+    k = candidates(k)
   end function gap
 
   !> Where all eigenvalues of the system were computed they are the poles, each listed or of a mode that was not asked for.

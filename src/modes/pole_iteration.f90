@@ -7,11 +7,11 @@ module pole_iteration
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
-  public :: pole_state, start_pole, refine_pole, follow_damping, double_root, pole_change
+  public :: pole_state, start_pole, refine_pole, follow_damping, double_root, alike
 
   integer, parameter :: most_passes = 30           ! a double root is approached by halves
   real(wp), parameter :: pole_change = sqrt(epsilon(1.0_wp))   !! change that ends the iteration: the next one is its cube [-]
-  real(wp), parameter :: smallest_step = 1.0e-4_wp     !! of the growing damping [-]
+  real(wp), parameter :: smallest_step = epsilon(1.0_wp)**0.25_wp   !! of the growing damping [-]
 
   !> A pole.
   type :: pole_state
@@ -55,36 +55,32 @@ contains
     pole%part = [(sum(y*ds%stiffness_product(x, r)), r=1, size(ds%groups))]
   end subroutine find_forms
 
-  !> y^T T(s) x and its derivatives by s and, where asked for, by the damping. Without either the laws are not evaluated: s may be
-  !> a pole of theirs.
-  pure subroutine functional(ds, pole, s, damping, f, slope, by_damping)
+  !> y^T T(s) x and its derivative by s. Without damping the laws are not evaluated: s may be a pole of theirs.
+  pure subroutine functional(ds, pole, s, damping, f, slope)
     type(stiffness_system), intent(in) :: ds
     type(pole_state), intent(in) :: pole
     complex(wp), intent(in) :: s                       !! [1/s]
     real(wp), intent(in) :: damping                    !! [-]
     complex(wp), intent(out) :: f, slope               !! [kg/s2], [kg/s]
-    complex(wp), intent(out), optional :: by_damping   !! [kg/s2]
     complex(wp) :: damped                              ! part of f that grows with the damping [kg/s2]
     integer :: r
     damped = pole%c*s
     slope = pole%c
-    do r = 1, merge(size(ds%groups), 0, damping > 0.0_wp .or. (present(by_damping) .and. s%im > 0.0_wp))
+    do r = 1, merge(size(ds%groups), 0, damping > 0.0_wp)
       damped = damped + pole%part(r)*ds%groups(r)%law%ratio(s)
       slope = slope + pole%part(r)*ds%groups(r)%law%slope(s)
     end do
     f = pole%m*s**2 + pole%gyro*s + pole%k + damping*damped
     slope = 2*pole%m*s + pole%gyro + damping*slope
-    if (present(by_damping)) by_damping = damped
   end subroutine functional
 
-  !> Iterates until the pole changes by less than the tolerance, or by rounding alone.
-  subroutine refine_pole(ds, damping, tolerance, pole, ok)
+  !> Iterates until the next change would be rounding, or the changes are rounding alone.
+  subroutine refine_pole(ds, damping, pole, ok)
     type(stiffness_system), intent(inout) :: ds
     real(wp), intent(in) :: damping                    !! 1: the damped system, 0: the undamped one [-]
-    real(wp), intent(in) :: tolerance                  !! relative change [-]
     type(pole_state), intent(inout) :: pole
     logical, intent(out) :: ok
-    complex(wp) :: before
+    complex(wp) :: before, u(ds%n + ds%rows)
     real(wp) :: change, last
     integer :: pass
     last = huge(1.0_wp)
@@ -92,39 +88,26 @@ contains
       before = pole%lambda
       call ds%set(pole%lambda, damping)
       call ds%factor()
-      call iterate(ds, pole%x, .false., tolerance)
-      if (ds%symmetric) pole%y = pole%x
-      if (.not. ds%symmetric) call iterate(ds, pole%y, .true., tolerance)
+      u = ds%times(ds%slope, ds%padded(pole%x))
+      call ds%solve(u)
+      pole%x = u(1:ds%n)/maxval(abs(u(1:ds%n)))
+      if (ds%symmetric) then
+        pole%y = pole%x
+      else                                           ! not corrected: the root is of second order in the errors of both vectors
+        u = ds%times(ds%slope(ds%mirror), ds%padded(pole%y))
+        call ds%solver%solve(u, .true.)
+        pole%y = u(1:ds%n)/maxval(abs(u(1:ds%n)))
+      end if
       call find_forms(ds, pole)
       call functional_root(ds, damping, pole, ok)
       if (.not. ok) return
       change = abs(pole%lambda - before)
-      if (change <= tolerance*abs(pole%lambda)) return
+      if (change <= pole_change*abs(pole%lambda)) return
       if (change <= 1.0e-7_wp*abs(pole%lambda) .and. change > 0.3_wp*last) return   ! rounding alone changes it
       last = change
     end do
     ok = .false.
   end subroutine refine_pole
-
-  !> x <- T^-1 T' x, or with the transposed matrices; to the last digits only where a pole is wanted to more than half of them.
-  subroutine iterate(ds, x, transposed, tolerance)
-    type(stiffness_system), intent(inout) :: ds
-    complex(wp), intent(inout) :: x(:)                 !! (n) [-]
-    logical, intent(in) :: transposed
-    real(wp), intent(in) :: tolerance                  !! of the pole [-]
-    complex(wp) :: u(ds%n + ds%rows)
-    if (transposed) then
-      u = ds%times(ds%slope(ds%mirror), ds%padded(x))
-    else
-      u = ds%times(ds%slope, ds%padded(x))
-    end if
-    if (tolerance > sqrt(epsilon(1.0_wp))) then
-      call ds%solver%solve(u, transposed)
-    else
-      call ds%solve(u, transposed)
-    end if
-    x = u(1:ds%n)/maxval(abs(u(1:ds%n)))
-  end subroutine iterate
 
   !> The root of y^T T(lambda) x near lambda, by Newton's method.
   subroutine functional_root(ds, damping, pole, ok)
@@ -148,13 +131,6 @@ contains
     pole%lambda = lambda
   end subroutine functional_root
 
-  !> y^T T' x at the s of the last factor.
-  pure complex(wp) function slope_form(ds, y, x) result(form)
-    type(stiffness_system), intent(in) :: ds
-    complex(wp), intent(in) :: y(:), x(:)              !! (n) [-]
-    form = sum(ds%padded(y)*ds%times(ds%slope, ds%padded(x)))
-  end function slope_form
-
   !> Whether a pole is a double root with one vector: y^T T' x vanishes. Rounding spreads the two in any estimate.
   pure logical function double_root(ds, damping, pole) result(yes)
     type(stiffness_system), intent(in) :: ds
@@ -166,36 +142,27 @@ contains
   end function double_root
 
   !> Follows a vibrating pole while the damping changes, in steps so small that its shape hardly changes.
-  subroutine follow_damping(ds, from, to, longest, pole, vibrates)
+  subroutine follow_damping(ds, longest, pole, vibrates)
     type(stiffness_system), intent(inout) :: ds
-    real(wp), intent(in) :: from, to                   !! damping before and after: 1: all, 0: the undamped system [-]
-    real(wp), intent(in) :: longest                    !! step of it [-]
-    type(pole_state), intent(inout) :: pole            !! in: the pole; out: the vibration that it turns into
+    real(wp), intent(in) :: longest                    !! step of the damping, which grows from 0 to 1 [-]
+    type(pole_state), intent(inout) :: pole            !! in: undamped; out: the vibration that it turns into
     logical, intent(out) :: vibrates                   !! false: it meets the real axis, over-damped, or could not be followed
     type(pole_state) :: next
-    complex(wp) :: f, slope, by_damping, predicted
+    complex(wp) :: predicted
     real(wp) :: damping, step, next_damping
     logical :: accepted
-    damping = from
-    step = 0.1_wp*longest
+    damping = 0.0_wp
+    step = longest
     vibrates = .true.
-    if (.not. ds%symmetric) call refine_pole(ds, damping, pole_change, pole, vibrates)
-    do while (vibrates .and. abs(to - damping) > 0.0_wp)
-      call functional(ds, pole, pole%lambda, damping, f, slope, by_damping)
-      next_damping = to
-      if (step < abs(to - damping)) next_damping = damping + sign(step, to - damping)
+    if (.not. ds%symmetric) call refine_pole(ds, damping, pole, vibrates)
+    do while (vibrates .and. damping < 1.0_wp)
+      next_damping = min(damping + step, 1.0_wp)
       next = pole
-      next%lambda = pole%lambda - by_damping/slope*(next_damping - damping)
-      accepted = abs(next%lambda - pole%lambda) <= 0.3_wp*abs(pole%lambda) .and. next%lambda%im > 0.0_wp
-      predicted = next%lambda
-      if (accepted) call functional_root(ds, next_damping, next, accepted)
-      if (accepted) accepted = abs(next%lambda - predicted) <= 0.1_wp*abs(next%lambda)
+      call functional_root(ds, next_damping, next, accepted)
       predicted = next%lambda                           ! of the former shape: a large change would be another pole
-      if (accepted) call refine_pole(ds, next_damping, merge(pole_change, 1.0e-3_wp, abs(to - next_damping) <= 0.0_wp), &
-                                     next, accepted)
-      if (accepted) accepted = next%lambda%im > 1.0e-9_wp*abs(next%lambda)
-      if (accepted) accepted = abs(next%lambda - predicted) <= 0.01_wp*abs(next%lambda)
-      if (accepted) accepted = alike(ds, pole, next)
+      if (accepted) call refine_pole(ds, next_damping, next, accepted)
+      if (accepted) accepted = next%lambda%im > 1.0e-9_wp*abs(next%lambda) .and. alike(ds, pole%x, next%x) .and. &
+                               abs(next%lambda - predicted) <= 0.01_wp*abs(next%lambda)
       if (accepted) then
         pole = next
         damping = next_damping
@@ -207,14 +174,13 @@ contains
     end do
   end subroutine follow_damping
 
-  !> Whether two poles belong to one path: vectors of different poles are biorthogonal. The present slope is used for both, since
-  !> of a double root all forms vanish but for rounding.
+  !> Whether two shapes are the same, or one the conjugate of the other: by modal masses, as the modal assurance criterion.
   pure logical function alike(ds, a, b) result(yes)
-    type(stiffness_system), intent(in) :: ds           !! factored at b, nearly
-    type(pole_state), intent(in) :: a, b
-    complex(wp) :: own(2)                              ! [1/s]
-    own = [slope_form(ds, a%y, a%x), slope_form(ds, b%y, b%x)]
-    yes = all(abs(own) > 0.0_wp)
-    if (yes) yes = abs(slope_form(ds, a%y, b%x)/own(1)*(slope_form(ds, b%y, a%x)/own(2)) - 1.0_wp) < 0.05_wp
+    type(stiffness_system), intent(in) :: ds
+    complex(wp), intent(in) :: a(:), b(:)              !! (n) [m, rad]
+    complex(wp) :: ma(size(a))                         ! [kg m, kg m2]
+    ma = ds%momentum(a)
+    yes = max(abs(dot_product(b, ma)), abs(sum(b*ma)))**2 > &
+          0.99_wp*abs(dot_product(a, ma))*abs(dot_product(b, ds%momentum(b)))
   end function alike
 end module pole_iteration

@@ -28,7 +28,7 @@ module safe_bound
   private
   public :: find_safe_bound, turning_stiffness
 
-  real(wp), parameter :: parallel = 1.0e-6_wp      !! sine of the angle between a guide and a spring along it [-]
+  real(wp), parameter :: parallel = sqrt(epsilon(1.0_wp))   !! sine of the angle between a guide and a spring along it [-]
   integer, parameter :: powers = 3                 !! lines stand at slopes of 4**-powers to 4**powers between the axes
   integer, parameter :: lines = 3*(2*powers + 2)  !! that enclose c and k, counted from k >= 0 on; the last one: c >= 0
   integer, parameter :: points = 8                 !! of the stretch of a line between its corners

@@ -178,7 +178,7 @@ contains
   integer function modes_below(self, sigma) result(below)
     class(stiffness_system), intent(inout) :: self
     real(wp), intent(in) :: sigma              !! [rad2/s2]
-    real(wp), parameter :: compliance = 1.0e-11_wp   ! over that of the stiffest unknown that the row acts on [-]
+    real(wp), parameter :: compliance = epsilon(1.0_wp)**0.75_wp   ! over that of the stiffest unknown that the row acts on [-]
     real(wp) :: least                          ! compliance [m/N]
     integer :: e, k
     call self%set_real(-sigma)
@@ -197,28 +197,23 @@ contains
     below = below - self%rows
   end function modes_below
 
-  !> Solves with the last factor, or its transpose, and corrects by the residual; once more where that changed more than half of
-  !> the digits.
-  subroutine solve(self, x, transposed, exists)
+  !> Solves with the last factor and corrects by the residual; once more where that changed more than half of the digits.
+  subroutine solve(self, x, exists)
     class(stiffness_system), intent(inout) :: self
     complex(wp), intent(inout) :: x(:)         !! (n+rows) right-hand side, then solution [N, N m], [m, rad]
-    logical, intent(in), optional :: transposed
     logical, intent(out), optional :: exists   !! false: the matrix is singular, there is no solution
     real(wp), parameter :: half = sqrt(epsilon(1.0_wp))   ! of the digits [-]
     complex(wp), allocatable :: b(:), r(:)
-    logical :: by_transpose
     real(wp) :: change, last                   ! sizes of corrections [m, rad; N]
     integer :: pass
-    by_transpose = .false.
-    if (present(transposed)) by_transpose = transposed
     b = x
     last = huge(1.0_wp)
-    call self%solver%solve(x, by_transpose)
+    call self%solver%solve(x, .false.)
     if (present(exists)) exists = .false.
     if (.not. all(abs(x%re) + abs(x%im) < sqrt(huge(1.0_wp)))) return   ! a singular matrix: nothing to refine
     do pass = 1, 12
-      r = b - self%balance(x, by_transpose)
-      call self%solver%solve(r, by_transpose)
+      r = b - self%balance(x)
+      call self%solver%solve(r, .false.)
       x = x + r
       change = maxval(abs(r%re) + abs(r%im))
       if (pass >= 2 .and. .not. change < 0.5_wp*last) exit
@@ -227,7 +222,7 @@ contains
     end do
     if (.not. present(exists)) return
     exists = is_part(0.1_wp, r(1:self%n), x(1:self%n))
-    if (.not. exists) exists = is_part(0.1_wp, b - self%balance(x, by_transpose), b)
+    if (.not. exists) exists = is_part(0.1_wp, b - self%balance(x), b)
   contains
     !> Whether the largest of some numbers is at most a part of the largest of others.
     pure logical function is_part(part, some, others)
@@ -237,20 +232,18 @@ contains
     end function is_part
   end subroutine solve
 
-  !> The bordered matrix, or its transpose, times x, the stiffness summed in twice the working precision.
-  pure function balance(self, x, transposed) result(y)
+  !> The bordered matrix times x, the stiffness summed in twice the working precision.
+  pure function balance(self, x) result(y)
     class(stiffness_system), intent(in) :: self
     complex(wp), intent(in) :: x(:)            !! (n+rows) [m, rad; N]
-    logical, intent(in) :: transposed
     complex(wp) :: y(size(x)), g
     integer :: r
-    if (transposed) y = self%times(self%inertia(self%mirror), x)
-    if (.not. transposed) y = self%times(self%inertia, x)
+    y = self%times(self%inertia, x)
     if (self%symmetrised) then
       call add_stiffness(self, .false., (0.5_wp, 0.0_wp), x, y)
       call add_stiffness(self, .true., (0.5_wp, 0.0_wp), x, y)
     else
-      call add_stiffness(self, transposed, (1.0_wp, 0.0_wp), x, y)
+      call add_stiffness(self, .false., (1.0_wp, 0.0_wp), x, y)
     end if
     if (self%damping <= 0.0_wp) return
     do r = 1, size(self%groups)
