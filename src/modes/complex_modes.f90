@@ -95,7 +95,7 @@ contains
       rigid_motions(1:p) = [(abs(omega2(j)) <= rounding_level(ds, x(:, j)), j=1, p)]
       call s%model%build(ds, x, rigid_motions)
       s%starts = merge((0.0_wp, 0.0_wp), sqrt(cmplx(-omega2, 0.0_wp, wp)), s%model%rigid(1:p))
-      order = [(j, j=1, p)]
+      rigid = p                                        ! shapes that are single motions of the basis
       allocate (s%decaying(0))
     else
       call rigid_motions_first(ds, x(:, 1:p), rotated, rigid, ok)
@@ -112,14 +112,10 @@ contains
     end if
     allocate (s%shapes(s%model%p, size(s%starts)))
     s%shapes = 0.0_wp
-    rigid = size(s%starts) - size(order)
-    do j = 1, size(s%starts)
-      if (ds%symmetric .or. j <= rigid) then
-        s%shapes(j, j) = 1.0_wp
-      else
-        s%shapes(:, j) = poles%shape(:, order(j - rigid))
-      end if
+    do j = 1, rigid
+      s%shapes(j, j) = 1.0_wp
     end do
+    if (.not. ds%symmetric) s%shapes(:, rigid + 1:) = poles%shape(:, order)
   end subroutine undamped_starts
 
   !> Appends the responses to forces that damp the modes asked for: those of each viscoelastic material, of viscous damping and of
@@ -381,15 +377,6 @@ contains
   pure integer function nearest_mode(shape, shapes) result(best)
     complex(wp), intent(in) :: shape(:)                !! (p) on a mass-orthonormal basis [-]
     complex(wp), intent(in) :: shapes(:, :)            !! (p, modes) [-]
-    real(wp) :: alike, most
-    integer :: j
-    best = 1
-    most = -1.0_wp
-    do j = 1, size(shapes, 2)
-      alike = abs(dot_product(shapes(:, j), shape))**2/real(dot_product(shapes(:, j), shapes(:, j)), wp)
-      if (alike <= most) cycle
-      most = alike
-      best = j
-    end do
+    best = maxloc(abs(matmul(conjg(transpose(shapes)), shape))/sqrt(sum(abs(shapes)**2, 1)), 1)
   end function nearest_mode
 end module complex_modes

@@ -6,7 +6,7 @@ module gyroscopic_modes
   use block_lanczos, only: inertia_operator, orthonormalise
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgesdd, dgeqp3, dorgqr
-  use natural_modes, only: constrained_operator, rounding_level, stiffness_scales, without_rounding
+  use natural_modes, only: constrained_operator, highest_ratio, rounding_level, stiffness_scales, without_rounding
   implicit none (type, external)
   private
   public :: mass_operator, add_motion, lowest_motions, rigid_motions_first
@@ -18,6 +18,7 @@ module gyroscopic_modes
   !> Positions and rates side by side.
   type, extends(constrained_operator) :: mass_operator
   contains
+    procedure :: set_rate
     procedure :: solve
   end type mass_operator
 
@@ -35,10 +36,7 @@ contains
     real(wp) :: length                                 ! [-]
     real(wp), allocatable :: part(:), my(:)
     integer :: pass, j
-    op%ds => ds
-    op%shift = shift_of_rigid_motions(ds, x)
-    call ds%set(cmplx(op%shift, 0.0_wp, wp), 0.0_wp)
-    call ds%factor()
+    call op%set_rate(ds, x)
     y = 0.0_wp
     y(1:ds%n, :) = x
     allocate (my(2*ds%n))
@@ -101,7 +99,7 @@ contains
     call rigid_motions(ds, x, k, q, rigid, ok)
     if (.not. ok) return
     rotated = matmul(x, q)
-    if (rigid > 0) call correct_rigid_motions(ds, rotated, rigid)
+    if (rigid > 0 .and. rigid < size(x, 2)) call correct_rigid_motions(ds, rotated, rigid)
   end subroutine rigid_motions_first
 
   !> x - T(s)^-1 K x for the rigid motions: it removes the rest of other motions in them, of which dampers would make poles near
@@ -112,48 +110,41 @@ contains
     integer, intent(in) :: rigid                       !! how many
     type(mass_operator) :: op
     complex(wp) :: u(ds%n + ds%rows)
-    real(wp) :: kx(ds%n, rigid)                        ! [sqrt(kg)/s2]
     real(wp) :: mv(ds%n), length                       ! [sqrt(kg)], [-]
     real(wp), allocatable :: part(:)
-    logical :: mixed(rigid)                            ! holds more of other motions than rounding
     integer :: j
-    do j = 1, rigid
-      kx(:, j) = ds%stiffness_times(x(:, j))
-      mixed(j) = abs(dot_product(x(:, j), kx(:, j))) > rounding_level(ds, x(:, j))
-    end do
-    if (.not. any(mixed)) return
-    op%ds => ds
-    op%shift = shift_of_rigid_motions(ds, x)
-    call ds%set(cmplx(op%shift, 0.0_wp, wp), 0.0_wp)
-    call ds%factor()
-    do j = 1, rigid
-      if (.not. mixed(j)) cycle
-      u = ds%padded(cmplx(kx(:, j), 0.0_wp, wp))
-      call ds%solve(u)
-      x(:, j) = x(:, j) - real(u(1:ds%n), wp)
-    end do
+    call op%set_rate(ds, x)
     do j = 1, size(x, 2)
+      if (j <= rigid) then
+        u = ds%padded(cmplx(ds%stiffness_times(x(:, j)), 0.0_wp, wp))
+        call ds%solve(u)
+        x(:, j) = x(:, j) - real(u(1:ds%n), wp)
+      end if
       mv = op%mass_times(x(:, j))
       x(:, j) = x(:, j)/sqrt(dot_product(x(:, j), mv))
       call orthonormalise(op, x(:, 1:j - 1), x(:, j), mv, part, length)
     end do
   end subroutine correct_rigid_motions
 
-  !> A rate above rounding and below the lowest frequency.
-  real(wp) function shift_of_rigid_motions(ds, x) result(shift)   ! [rad/s]
-    type(stiffness_system), intent(in) :: ds
+  !> Factors T at a rate above rounding and below the lowest frequency.
+  subroutine set_rate(self, ds, x)
+    class(mass_operator), intent(inout) :: self
+    type(stiffness_system), intent(inout), target :: ds
     real(wp), intent(in) :: x(:, :)                    !! (n, p) mass-orthonormal [1/sqrt(kg)]
     real(wp) :: least, level, square                   ! [rad2/s2]
     integer :: j
-    least = huge(1.0_wp)
+    least = highest_ratio(ds)
     level = huge(1.0_wp)
     do j = 1, size(x, 2)
       level = min(level, rounding_level(ds, x(:, j)))
       square = abs(dot_product(x(:, j), ds%stiffness_times(x(:, j))))
       if (square > rounding_level(ds, x(:, j))) least = min(least, square)
     end do
-    shift = sqrt(sqrt(level*least))
-  end function shift_of_rigid_motions
+    self%ds => ds
+    self%shift = sqrt(sqrt(level*least))
+    call ds%set(cmplx(self%shift, 0.0_wp, wp), 0.0_wp)
+    call ds%factor()
+  end subroutine set_rate
 
   !> The null space of K: singular values far below one of K with rows and columns scaled to the size one, or where they are
   !> rounding to that. It spans the first columns of an orthogonal basis q.

@@ -9,7 +9,7 @@ module fast_poles
   use mechanism, only: mechanism_model
   use reduced_system, only: reduced_model, reduced_poles, usual_unknowns
   use spring_products, only: argument_motions, argument_pull
-  use spectrum, only: fast_spectrum, fast_mode, only_damping, only_stiffness
+  use spectrum, only: fast_spectrum, fast_mode, no_part, only_damping, only_stiffness
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -20,7 +20,6 @@ module fast_poles
   integer, parameter :: most_unknowns = 200        !! of the eigenvalue problem, as first-order equations
   integer, parameter :: least_motions = 5          !! smallest number of motions
   real(wp), parameter :: slow_part = 0.25_wp       !! squared frequency of motions that are left out, over the highest [-]
-  real(wp), parameter :: least_part = 1.0e-6_wp    !! smallest stiffness of a segment that takes part, over the whole [-]
 
   !> Poles with their motions.
   type :: pole_list
@@ -50,8 +49,7 @@ contains
     end do
     ok = p >= min(least_motions, size(x, 2)) .and. p > 0
     if (.not. ok) return
-    call project(m, ev, fast, group, x(:, 1:p), model)
-    if (with_joints) call close_loops(m, ev, model)
+    call project(m, ev, with_joints, fast, group, x(:, 1:p), model)
     call model%find_scale()
     call solve(model, poles, ok)
   end subroutine find_fast_poles
@@ -85,7 +83,7 @@ contains
     do k = 1, size(x, 2)
       f%x = x(:, k)
       call fast%quotients(m, ev, f)
-      takes_part = takes_part .or. f%segments > least_part*(f%stiffness + sum(f%segments))
+      takes_part = takes_part .or. f%segments > no_part*(f%stiffness + sum(f%segments))
     end do
     call number_laws(fast%lin%segments, takes_part, group)
     model%law = [(fast%lin%segments(findloc(group, k, 1))%law, k=1, maxval([0, group]))]
@@ -166,54 +164,35 @@ contains
     end subroutine append
   end subroutine find_motions
 
-  !> All matrices on the basis.
-  subroutine project(m, ev, fast, group, x, model)
+  !> All matrices on the basis. With joints forces that follow the motion of others count: they may feed motions.
+  subroutine project(m, ev, with_joints, fast, group, x, model)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
+    logical, intent(in) :: with_joints
     type(fast_spectrum), intent(in) :: fast
     integer, intent(in) :: group(:)                !! (segments)
     real(wp), intent(in) :: x(:, :)                !! (n, p) [1/sqrt(kg)]
     type(reduced_model), intent(inout) :: model
     real(wp) :: k(size(x, 1)), c(size(x, 1)), parts(size(x, 1), size(model%law))
     type(viscoelastic_terms), allocatable :: law(:)
-    integer :: j, r
+    integer :: j, r, i, l
     call move_alloc(model%law, law)
     call model%make_room(size(x, 2), law)
     model%basis = x
     do j = 1, model%p
       call fast%products(m, ev, group, x(:, j), k, c, parts)
+      do i = 1, merge(size(m%s%forces), 0, with_joints)
+        do l = 1, m%s%forces(i)%item%motions
+          call argument_pull(m, ev, i, l, x(:, j), k, c)
+        end do
+      end do
       model%k(:, j) = matmul(k, x)
       model%c(:, j) = matmul(c, x)
       do r = 1, size(model%law)
         model%part(:, j, r) = matmul(parts(:, r), x)
       end do
     end do
-    model%k = 0.5_wp*(model%k + transpose(model%k))
-    model%c = 0.5_wp*(model%c + transpose(model%c))
-    do r = 1, size(model%law)
-      model%part(:, :, r) = 0.5_wp*(model%part(:, :, r) + transpose(model%part(:, :, r)))
-    end do
   end subroutine project
-
-  !> Adds forces that follow the motion of others. They may feed motions: what they do need not be symmetric.
-  subroutine close_loops(m, ev, model)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
-    type(reduced_model), intent(inout) :: model
-    real(wp) :: k(size(model%basis, 1)), c(size(model%basis, 1))
-    integer :: i, l, j
-    do i = 1, size(m%s%forces)
-      do l = 1, m%s%forces(i)%item%motions
-        do j = 1, model%p
-          k = 0.0_wp
-          c = 0.0_wp
-          call argument_pull(m, ev, i, l, model%basis(:, j), k, c)
-          model%k(:, j) = model%k(:, j) + matmul(k, model%basis)
-          model%c(:, j) = model%c(:, j) + matmul(c, model%basis)
-        end do
-      end do
-    end do
-  end subroutine close_loops
 
   !> Poles of all parts that do not couple.
   subroutine solve(model, poles, ok)

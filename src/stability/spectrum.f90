@@ -17,7 +17,8 @@ module spectrum
   private
   public :: fast_spectrum, fast_mode
 
-  real(wp), parameter, public :: only_damping(2) = [1.0_wp, 0.0_wp], only_stiffness(2) = [0.0_wp, 1.0_wp]   !! [-]
+  real(wp), parameter, public :: only_damping(2) = [1.0_wp, 0.0_wp], only_stiffness(2) = [0.0_wp, 1.0_wp]   !! a unit of one [-]
+  real(wp), parameter, public :: no_part = sqrt(epsilon(1.0_wp))   !! of a motion's stiffness in a segment that takes no part [-]
 
   integer, parameter :: most_vectors = 100     !! Lanczos vectors kept
 

@@ -8,7 +8,7 @@ module step_bounds
   use modal_eigenvalues, only: modal_roots, find_mode_pair, term_poles, added_stiffness
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use spectrum, only: fast_spectrum, fast_mode, only_stiffness
+  use spectrum, only: fast_spectrum, fast_mode, no_part, only_stiffness
   use stability_region, only: largest_step
   use tableaux, only: method_names
   use text, only: either, to_text
@@ -16,7 +16,7 @@ module step_bounds
   private
   public :: bound_cause, mode_cause, step_bound, find_bound, take_smaller, material_poles, add_mode_bound, step_of
 
-  real(wp), parameter :: takes_part = 1.0e-3_wp   !! share of a mode's strain energy from which a body is named [-]
+  real(wp), parameter :: takes_part = epsilon(1.0_wp)**0.25_wp   !! share of a mode's strain energy from which a body is named [-]
 
   !> Cause of an eigenvalue.
   type :: bound_cause
@@ -114,7 +114,7 @@ contains
     logical, allocatable :: is_mode(:)
     type(bound_cause) :: cause
     integer :: k
-    call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), roots)
+    call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, no_part*(f%stiffness + sum(f%segments)), roots)
     call find_mode_pair(roots, max(f%stiffness + added_stiffness(fast%lin%segments, f%segments), 0.0_wp), f%damping, is_mode)
     eigenvalues = roots
     if (present(poles)) eigenvalues = poles
@@ -136,7 +136,7 @@ contains
     complex(wp), allocatable :: without(:)     ! [1/s]
     yes = f%damping > 0.0_wp
     if (.not. yes) return
-    call modal_roots(fast%lin%segments, f%stiffness, 0.0_wp, f%segments, 1.0e-6_wp*(f%stiffness + sum(f%segments)), without)
+    call modal_roots(fast%lin%segments, f%stiffness, 0.0_wp, f%segments, no_part*(f%stiffness + sum(f%segments)), without)
     yes = step_of(1, roots) < 0.99_wp*step_of(1, without)
   end function damping_limits
 
@@ -181,46 +181,24 @@ contains
     real(wp), intent(in) :: fastest            !! largest squared frequency, instantaneous stiffness [rad2/s2]
     type(step_bound), intent(inout) :: bound
     complex(wp), allocatable :: roots(:)
-    integer, allocatable :: firsts(:)          ! one segment of each material or spring
-    real(wp), allocatable :: least(:, :)       ! (methods, firsts) steps that no pole of these makes smaller [s]
+    logical :: seen(0:maxval([0, fast%lin%segments%material]))   ! materials of segments before
     real(wp) :: lambda
-    integer :: i, k
-    firsts = distinct_segments(fast%lin%segments)
-    allocate (least(size(method_names), size(firsts)))
-    do i = 1, size(firsts)
-      associate (t => fast%lin%segments(firsts(i)))
-        call keep_smallest(t%law%rates(), pole_cause(m, fast%lin%segments, firsts(i)), bound)
+    integer :: r, k
+    seen = .false.
+    do r = 1, size(fast%lin%segments)
+      associate (t => fast%lin%segments(r))
+        if (t%element == 0 .and. seen(t%material)) cycle
+        seen(t%material) = .true.
+        call keep_smallest(t%law%rates(), pole_cause(m, fast%lin%segments, r), bound)
         call term_poles(t, 2*fastest/(1 + sum(t%law%alpha)), roots)
-        least(:, i) = [(step_of(k, roots), k=1, size(method_names))]
+        if (all([(step_of(k, roots), k=1, size(method_names))] >= bound%step)) cycle
+        call fast%largest(m, ev, with_joints, only_stiffness, 100, lambda, r)
+        if (.not. lambda > 0.0_wp) cycle
+        call term_poles(t, lambda, roots)
+        call keep_smallest(roots, pole_cause(m, fast%lin%segments, r), bound)
       end associate
     end do
-    do i = 1 - size(method_names), size(firsts)          ! first the segment that limits each method most
-      k = i
-      if (i < 1) k = minloc(least(1 - i, :), 1)
-      if (k == 0) cycle
-      if (all(least(:, k) >= bound%step)) cycle
-      call fast%largest(m, ev, with_joints, only_stiffness, 100, lambda, firsts(k))
-      least(:, k) = huge(1.0_wp)
-      if (.not. lambda > 0.0_wp) cycle
-      call term_poles(fast%lin%segments(firsts(k)), lambda, roots)
-      call keep_smallest(roots, pole_cause(m, fast%lin%segments, firsts(k)), bound)
-    end do
   end subroutine material_poles
-
-  !> The springs' segments and the first segment of every material.
-  pure function distinct_segments(segments) result(firsts)
-    type(linear_segment), intent(in) :: segments(:)
-    integer, allocatable :: firsts(:)
-    logical :: seen(0:maxval([0, segments%material]))
-    logical :: new(size(segments))
-    integer :: r
-    seen = .false.
-    do r = 1, size(segments)
-      new(r) = segments(r)%element > 0 .or. .not. seen(segments(r)%material)
-      seen(segments(r)%material) = .true.
-    end do
-    firsts = pack([(r, r=1, size(segments))], new)
-  end function distinct_segments
 
   !> Which body carries a mode, and whether its strain is axial, in bending or of layers that slip.
   subroutine mode_cause(m, f, cause)

@@ -51,7 +51,6 @@ module dynamic_stiffness
     procedure :: times
     procedure :: momentum
     procedure :: real_times
-    procedure :: balance
     procedure :: stiffness_times
     procedure :: stiffness_product
   end type stiffness_system
@@ -212,7 +211,7 @@ contains
     if (present(exists)) exists = .false.
     if (.not. all(abs(x%re) + abs(x%im) < sqrt(huge(1.0_wp)))) return   ! a singular matrix: nothing to refine
     do pass = 1, 12
-      r = b - self%balance(x)
+      r = b - balance(self, x)
       call self%solver%solve(r, .false.)
       x = x + r
       change = maxval(abs(r%re) + abs(r%im))
@@ -222,7 +221,7 @@ contains
     end do
     if (.not. present(exists)) return
     exists = is_part(0.1_wp, r(1:self%n), x(1:self%n))
-    if (.not. exists) exists = is_part(0.1_wp, b - self%balance(x), b)
+    if (.not. exists) exists = is_part(0.1_wp, b - balance(self, x), b)
   contains
     !> Whether the largest of some numbers is at most a part of the largest of others.
     pure logical function is_part(part, some, others)

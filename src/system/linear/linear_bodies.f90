@@ -13,8 +13,8 @@ module linear_bodies
   private
   public :: add_tangent, add_turning, elastic_matrices
 
-  real(wp), parameter :: h(2, 2) = reshape([0.0_wp, 1.0_wp, -1.0_wp, 0.0_wp], [2, 2])     !! a quarter turn [-]
-  real(wp), parameter :: one(2, 2) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])    !! [-]
+  real(wp), parameter :: h(2, 2) = reshape([0.0_wp, 1.0_wp, -1.0_wp, 0.0_wp], [2, 2])     !! the unit turn, of a quarter [-]
+  real(wp), parameter :: one(2, 2) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [2, 2])    !! the unit matrix [-]
 
 contains
 
