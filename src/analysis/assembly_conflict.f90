@@ -3,18 +3,16 @@
 module assembly_conflict
   use kinds, only: wp
   use assembly_reports, only: assembly_report, gap_text
-  use build_scene, only: build
   use deck_origin, only: origin
   use deck_records, only: deck
   use dynamics, only: evaluate_start
-  use errors, only: failure, fault_list
+  use errors, only: failure
   use joint_geometry, only: condense_geometry
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use position_closing, only: closed_gap
-  use scene_model, only: scene
   use text, only: either, exact_text, to_text
-  use trial_scene, only: assemble_scene, rigid_copy
+  use trial_scene, only: assemble_deck, rigid_copy
   implicit none (type, external)
   private
   public :: explain_open_joints, deck_line_of
@@ -28,52 +26,54 @@ contains
   subroutine explain_open_joints(d, fail)
     type(deck), intent(in) :: d
     type(failure), intent(inout) :: fail            !! that of the assembly
-    type(fault_list) :: faults
-    type(scene) :: all
     type(mechanism_model) :: m
     type(evaluation) :: ev
     type(assembly_report) :: report
     character(:), allocatable :: words
     real(wp), allocatable :: q(:)
     integer :: culprit, low, middle, k
-    call build(d, all, faults)
     low = 0                                         ! the first `low` constraints close, the first `culprit` do not
-    culprit = size(all%constraints)
+    culprit = size(d%joints) + size(d%drives)
     do while (culprit - low > 1)
       middle = (low + culprit)/2
-      call assemble_part(all, [(k <= middle, k=1, size(all%constraints))], m, ev, q, report)
+      call assemble_part(d, [(k, k=1, middle)], m, ev, q, report)
       if (report%open) culprit = middle
       if (.not. report%open) low = middle
     end do
-    call open_constraint(d, all, culprit, words)
+    call open_constraint(d, culprit, words)
     fail%message = 'the mechanism cannot be assembled: '//words
     fail%deck_line = deck_line_of(d, culprit)
   end subroutine explain_open_joints
 
   !> How far a constraint stays open where others are closed, and why.
-  subroutine open_constraint(d, all, culprit, words)
+  subroutine open_constraint(d, culprit, words)
     type(deck), intent(in) :: d
-    type(scene), intent(in) :: all
     integer, intent(in) :: culprit                  !! the first constraint that does not close with those before it
     character(:), allocatable, intent(out) :: words
     type(mechanism_model) :: m, without
     type(evaluation) :: ev, other
-    type(assembly_report) :: report
+    type(assembly_report) :: before, others
     character(:), allocatable :: where_closed, unit
-    real(wp), allocatable :: q(:)
+    real(wp), allocatable :: q(:), q_others(:)        ! (nq) [m, rad]
+    logical, allocatable :: weak(:)
     integer :: k
     real(wp) :: start(0:2)                            ! of a drive [m, rad], per s, per s2
-    logical :: surplus
-    call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], m, ev, q, report)
-    where_closed = ' where all others are closed'
-    call assemble_part(all, [(k /= culprit, k=1, size(all%constraints))], without, other, q, report)
-    if (report%open) then
-      where_closed = ' where those before it in the deck are closed'
-      call assemble_part(all, [(k < culprit, k=1, size(all%constraints))], without, other, q, report)
+    logical :: surplus                                ! those before it leave no motion that could close it
+    call assemble_part(d, [(k, k=1, culprit)], m, ev, q, before)
+    call assemble_part(d, [(k, k=1, culprit - 1)], without, other, q, before)
+    call assemble_part(d, [(k, k=1, culprit - 1), (k, k=culprit + 1, size(d%joints) + size(d%drives))], without, other, q_others, &
+                       others)
+    where_closed = ' where those before it in the deck are closed'
+    if (.not. others%open) then
+      where_closed = ' where all others are closed'
+      q = q_others
     end if
     call evaluate_start(m, ev, q)
-    surplus = leaves_no_motion(d, culprit)
+    call condense_geometry(m, ev)
+    allocate (weak(m%s%rows))
+    call ev%schur%weak_rows(weak)
     associate (c => m%s%constraints(culprit)%item)
+      surplus = count(.not. weak) < before%rank + c%rows
       if (maxval(abs(ev%rows%phi(c%first:c%first + c%rows - 1))) <= closed_gap(m, ev)) then
         words = name_of(d, culprit)//' holds'//where_closed//', but no way there was found from the positions in the deck'// &
                 what_is_expected
@@ -95,72 +95,22 @@ contains
     end associate
   end subroutine open_constraint
 
-  !> Whether the constraints before one leave no motion of the frames that could close it. Assembly fixes elastic coordinates.
-  logical function leaves_no_motion(d, culprit) result(yes)
+  !> Assembles some joints and drives of a deck. All bodies are rigid, since assembly bends none; velocities do not count.
+  subroutine assemble_part(d, chosen, m, ev, q, report)
     type(deck), intent(in) :: d
-    integer, intent(in) :: culprit
-    type(fault_list) :: faults
-    type(scene) :: all
-    type(mechanism_model) :: m, without
-    type(evaluation) :: ev, other
-    type(assembly_report) :: report, before
-    real(wp), allocatable :: q(:)
-    logical, allocatable :: weak(:)
-    integer :: k
-    call build(rigid_copy(d), all, faults)
-    yes = .false.
-    if (faults%count > 0) return
-    call assemble_part(all, [(k <= culprit, k=1, size(all%constraints))], m, ev, q, report)
-    call assemble_part(all, [(k < culprit, k=1, size(all%constraints))], without, other, q, before)
-    if (before%open) return
-    allocate (weak(m%s%rows))
-    call evaluate_start(m, ev, q)
-    call condense_geometry(m, ev)
-    call ev%schur%weak_rows(weak)
-    yes = count(.not. weak) < before%rank + m%s%constraints(culprit)%item%rows
-  end function leaves_no_motion
-
-  !> Some of the constraints of a scene.
-  subroutine choose_part(all, chosen, part)
-    type(scene), intent(in) :: all
-    logical, intent(in) :: chosen(:)                  !! (constraints)
-    type(scene), intent(out) :: part
-    integer :: k, n
-    part = all
-    deallocate (part%constraints)
-    allocate (part%constraints(count(chosen(:all%permanent))))     ! rows that switch hold nothing
-    deallocate (part%friction)
-    allocate (part%friction(0))
-    part%elements = size(part%switching)
-    part%stop_rows = 0
-    deallocate (part%integrated)
-    allocate (part%integrated(0))
-    part%joints = count(chosen(:all%joints))
-    part%permanent = size(part%constraints)
-    part%rows = 0
-    n = 0
-    do k = 1, all%permanent
-      if (.not. chosen(k)) cycle
-      n = n + 1
-      allocate (part%constraints(n)%item, source=all%constraints(k)%item)
-      part%constraints(n)%item%first = part%rows + 1
-      part%rows = part%rows + part%constraints(n)%item%rows
-    end do
-    part%permanent_rows = part%rows
-  end subroutine choose_part
-
-  !> Assembles the constraints of a scene that are chosen; velocities do not count.
-  subroutine assemble_part(all, chosen, m, ev, q, report)
-    type(scene), intent(in) :: all
-    logical, intent(in) :: chosen(:)                  !! (constraints)
+    integer, intent(in) :: chosen(:)                !! numbers of constraints: joints, then drives
     type(mechanism_model), intent(out) :: m
     type(evaluation), intent(out) :: ev
-    real(wp), allocatable, intent(out) :: q(:)   !! (nq) assembled positions [m, rad]
+    real(wp), allocatable, intent(out) :: q(:)      !! (nq) assembled positions [m, rad]
     type(assembly_report), intent(out) :: report
-    type(failure) :: fail
-    type(scene) :: part
-    call choose_part(all, chosen, part)
-    call assemble_scene(part, m, ev, q, report, fail)
+    type(deck) :: part
+    logical :: ok
+    part = rigid_copy(d)
+    associate (n => size(d%joints))
+      part%joints = d%joints(pack(chosen, chosen <= n))
+      part%drives = d%drives(pack(chosen, chosen > n) - n)
+    end associate
+    call assemble_deck(part, m, ev, q, report, ok)
   end subroutine assemble_part
 
   !> A joint or drive with its line: `weld "w" in line 7`.

@@ -5,15 +5,13 @@
 module clearance_start
   use kinds, only: wp
   use assembly_reports, only: assembly_report
-  use build_scene, only: build
   use deck_records, only: deck, joint_record
-  use errors, only: failure, fault_list
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
   use position_closing, only: digits_of_decks => small
   use scene_model, only: scene
   use text, only: either, to_text
-  use trial_scene, only: assemble_scene, rigid_copy
+  use trial_scene, only: assemble_deck, rigid_copy
   implicit none (type, external)
   private
   public :: start_through_clearances
@@ -102,9 +100,6 @@ contains
     type(joint_record), allocatable :: joints(:)
     type(joint_record) :: pin
     type(assembly_report) :: report
-    type(scene) :: s
-    type(fault_list) :: faults
-    type(failure) :: fail
     integer :: k, n
     n = size(d%joints)
     rigid = rigid_copy(d)
@@ -120,11 +115,7 @@ contains
     end do
     call move_alloc(joints, rigid%joints)
     allocate (outside(size(pins)), source=.false.)
-    call build(rigid, s, faults)
-    ok = faults%count == 0
-    if (.not. ok) return
-    call assemble_scene(s, m, ev, q, report, fail, v)
-    ok = .not. fail%happened()
+    call assemble_deck(rigid, m, ev, q, report, ok, v)
     if (.not. ok) return
     do k = 1, size(pins)
       associate (c => m%s%constraints(n + k)%item)

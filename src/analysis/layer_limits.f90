@@ -9,8 +9,7 @@ module layer_limits
   private
   public :: body_sentence, modulus_ratio, thick_layers, stiff_core
 
-  real(wp), parameter :: thick = 0.05_wp             !! bonded layers over half a wave: a frequency errs by 0.3 %, a loss by 1 % [-]
-  real(wp), parameter :: gives_way = 0.1_wp          !! of a core's resonance across: a loss factor errs by about 1 % [-]
+  real(wp), parameter, public :: told = 0.01_wp      !! error of a frequency or loss factor that is told [-]
   real(wp), parameter :: stretched_core = 3.0e-4_wp  !! of a face: a loss factor errs by about twice as much [-]
 
 contains
@@ -20,7 +19,7 @@ contains
     type(body_model), intent(in) :: body
     real(wp), intent(in) :: omega                    !! [rad/s]
     character(:), allocatable :: text
-    real(wp) :: height, soft, across                 ! largest of all sections, over their limits' quantities [-]
+    real(wp) :: height, soft, across                 ! largest of all sections; a loss errs by 4 height**2, by across**2 [-]
     real(wp) :: half, x(3)                           ! half a wave [m]
     integer :: e
     logical :: bonded
@@ -41,12 +40,12 @@ contains
         across = max(across, x(3))
       end associate
     end do
-    if (height > thick) text = text//body_sentence(body, '', 'has bonded layers that together are as thick as', 100*height, &
+    if (4*height**2 > told) text = text//body_sentence(body, '', 'has bonded layers that together are as thick as', 100*height, &
       '% of half a wave, or of a cover: beyond 5 % they shear, which is left out'//either(' (shear=.true. has it)', '', bonded))
     if (soft > 1.0_wp) text = text//body_sentence(body, '', 'has a bonded layer whose modulus, over that of another '// &
       'one, is', 1/soft, 'of (thickness over half a wave) squared: below 1 it shears and gives way across, and no theory of '// &
       'beams tells its damping')
-    if (across > gives_way) text = text//body_sentence(body, '', 'has a core that gives way across: the motion is as fast as', &
+    if (across**2 > told) text = text//body_sentence(body, '', 'has a core that gives way across: the motion is as fast as', &
       across, 'of the resonance of its faces on its thickness; beyond 0.1 its loss factor errs by more than 1 %')
   end function thick_layers
 

@@ -22,8 +22,7 @@ module linear_state
   private
   public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium, warn_of_motion, largest_acceleration
 
-  real(wp), parameter :: at_rest = 1.0e-6_wp        !! accelerations of an equilibrium, over those without joints [-]
-  real(wp), parameter :: rounding = 1.0e-8_wp       !! accelerations that are rounding of others, likewise [-]
+  real(wp), parameter :: rounding = sqrt(epsilon(1.0_wp))   !! accelerations that are nothing beside those without joints [-]
 
 contains
 
@@ -63,7 +62,7 @@ contains
   pure logical function at_equilibrium(run) result(yes)
     type(run_state), intent(in) :: run
     associate (ev => run%sys%ev, nq => run%sys%m%s%nq)
-      yes = .not. (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. maxval(abs(ev%a)) > at_rest*largest_acceleration(run))
+      yes = .not. (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. maxval(abs(ev%a)) > rounding*largest_acceleration(run))
     end associate
   end function at_equilibrium
 

@@ -3,14 +3,11 @@
 module rigid_mobility
   use kinds, only: wp
   use assembly_reports, only: assembly_report
-  use build_scene, only: build
   use deck_records, only: deck
-  use errors, only: failure, fault_list
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use scene_model, only: scene
   use summary_text, only: summary_record
-  use trial_scene, only: assemble_scene, rigid_copy
+  use trial_scene, only: assemble_deck, rigid_copy
   use text, only: either
   implicit none (type, external)
   private
@@ -43,14 +40,11 @@ contains
     type(evaluation) :: ev
     type(assembly_report) :: report
     real(wp), allocatable :: q(:)
-    type(scene) :: s
-    type(fault_list) :: faults
-    type(failure) :: fail
+    logical :: ok
     other = rigid_copy(d)
     if (.not. drives) deallocate (other%drives)
     if (.not. drives) allocate (other%drives(0))
-    call build(other, s, faults)
-    if (faults%count == 0) call assemble_scene(s, m, ev, q, report, fail)
-    n = merge(report%freedoms, -1, faults%count == 0 .and. .not. fail%happened())
+    call assemble_deck(other, m, ev, q, report, ok)
+    n = merge(report%freedoms, -1, ok)
   end function freedoms
 end module rigid_mobility

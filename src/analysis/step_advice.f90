@@ -5,6 +5,7 @@ module step_advice
   use controller, only: free
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
+  use layer_limits, only: told
   use mechanism, only: mechanism_model
   use safe_bound, only: find_safe_bound, turning_stiffness
   use scene_run, only: run_state
@@ -51,7 +52,6 @@ contains
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)               !! (nq) the assembled positions [m], [rad]
     type(stability_advice), intent(inout) :: advice
-    real(wp), parameter :: worth_a_line = 0.95_wp   ! of the safe bound [-]
     type(evaluation) :: work
     type(step_bound) :: bent_bound
     real(wp), allocatable :: bent(:)
@@ -75,7 +75,7 @@ contains
       end associate
     end do
     call both_bounds(m, ev, bent, bent_bound)
-    if (.not. any(bent_bound%step < worth_a_line*advice%safe%step)) return
+    if (.not. any(bent_bound%step < (1 - told)*advice%safe%step)) return
     advice%lowest = min(advice%safe%step, bent_bound%step)
     call advice%text%line('  note: the safe bound counts the inertia of bodies as they stand at the start; bent as far as the '// &
                           'model holds they would allow about {bent_bound 4} s (rk4), limited by {bent_bound_limited_by='// &

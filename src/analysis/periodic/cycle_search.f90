@@ -12,7 +12,7 @@ module cycle_search
   use switching, only: event_list, switch_event
   use text, only: either, es_text, to_text
   use turn_log, only: turn_result
-  use turn_map, only: period_map, difference
+  use turn_map, only: period_map
   implicit none (type, external)
   private
 
@@ -183,7 +183,7 @@ contains
     type(switch_event) :: changed
     integer :: k
     do k = 1, 2
-      h = (3 - 2*k)*difference
+      h = (3 - 2*k)*self%map%difference
       associate (base => self%turn)
         call make_turn(self, run, self%map%moved(base%start, h*asked), base%period, side, base%states)
         if (self%fail%happened()) return
@@ -227,10 +227,9 @@ contains
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
     integer, intent(in) :: number                    !! that are told
-    real(wp), parameter :: goal = 1.0e-7_wp          ! what the space leaves of them [-]
     real(wp), parameter :: negligible = 10.0_wp      ! a direction with so little in it is rounding, of that of quotients [-]
     real(wp), dimension(size(self%map%compared)) :: v, asked, w   ! [-]
-    real(wp) :: second, seconds, rounding            ! [-]
+    real(wp) :: second, seconds                      ! [-]
     complex(wp), allocatable :: before(:)            ! multipliers of half the steps [-]
     integer :: k
     if (number == 0) return
@@ -238,10 +237,9 @@ contains
     if (self%start_error >= 0.0_wp) before = self%pairs%value
     self%pairs%value = [complex(wp) ::]
     seconds = 0.0_wp
-    rounding = self%map%noise/difference
     call self%space%clear(size(v))
     asked = self%map%tangent(self%turn, [(cos(real(k, wp)**2), k=1, size(v))])   ! which excites all
-    do while (norm2(asked) > negligible*rounding)
+    do while (norm2(asked) > negligible*self%map%noise)
       asked = asked/norm2(asked)
       call one_quotient(self, run, asked, v, w, second)
       if (self%fail%happened()) return
@@ -253,14 +251,14 @@ contains
       self%wanted = min(self%space%count, number + merge(1, 0, self%free_period))
       associate (p => self%pairs, n => self%wanted)
         if (n < self%space%count .and. p%value(n)%im > 0.0_wp) n = n + 1
-        if (self%space%count > number .and. maxval(p%residual(:n)*p%condition(:n)) < goal) exit
+        if (self%space%count > number .and. maxval(p%residual(:n)*p%condition(:n)) < self%map%noise) exit
       end associate
       if (self%space%count >= size(v) .or. self%turns > self%most_turns + 1000) exit
       asked = self%space%rest_of(w)
     end do
     associate (p => self%pairs)
-      self%wanted = min(self%wanted, count(abs(p%value) > 100*rounding))
-      self%error = [(p%condition(k)*(p%residual(k) + seconds**2 + rounding), k=1, self%wanted)]
+      self%wanted = min(self%wanted, count(abs(p%value) > 100*self%map%noise))
+      self%error = [(p%condition(k)*(p%residual(k) + seconds**2 + self%map%noise), k=1, self%wanted)]
       do k = 1, merge(self%wanted, 0, size(before) > 0)
         self%error(k) = max(self%error(k), minval(abs(before - p%value(k))))
       end do

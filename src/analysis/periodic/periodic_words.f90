@@ -22,7 +22,6 @@ contains
   function no_cycle(run, cycle) result(words)
     type(run_state), intent(in) :: run
     type(cycle_state), intent(in) :: cycle
-    real(wp), parameter :: still = 1.0e-6_wp, short = 0.2_wp   ! change over the scales; period over the guess [-]
     character(:), allocatable :: words
     real(wp) :: r(size(cycle%map%compared))   ! [-], then [m, rad]
     integer :: k, b
@@ -44,8 +43,7 @@ contains
         if (event%element > 0) words = words//'; events of "'//element_name(run%sys%m, event%element)//'" at t = '// &
                                        short_text(event%t, 4)//' s are not in every turn'
         words = words//'; a motion that never repeats has statistics, by a long transient'
-      else if (cycle%free_period .and. (cycle%turn%period < short*run%d%periodic%period .or. &
-                                        maxval(abs(map%scaled(turn%slope)))*cycle%turn%period < still)) then
+      else if (cycle%free_period .and. maxval(abs(map%scaled(turn%slope)))*turn%period < sqrt(cycle%tolerance)) then
         words = 'the search of a cycle came to a rest, which repeats after any time, or near one: a period of '// &
                 short_text(cycle%turn%period, 3)//' s; expected a start farther from rest, or a better period_guess than '// &
                 to_text(run%d%periodic%period)//' s'
@@ -95,10 +93,11 @@ contains
     type(cycle_state), intent(in) :: cycle
     integer, intent(in) :: list(:)             !! pairs that are told, then 0
     type(summary_record), intent(inout) :: text
-    real(wp), parameter :: so_near = 1.0e-6_wp   ! to 1 is 1, if the error of a multiplier is not larger [-]
     complex(wp) :: mu
+    real(wp) :: so_near                        ! to 1 is 1: what comes back so slowly is a cycle to the tolerance anywhere [-]
     real(wp) :: near, modulus                  ! [-]
     character(:), allocatable :: what, way
+    so_near = sqrt(cycle%tolerance)
     if (cycle%time > 0) then
       near = abs(cycle%pairs%value(cycle%time) - 1)
       if (near > 10*max(cycle%error(cycle%time), so_near)) call text%warn('the multiplier that belongs to time differs from 1 '// &

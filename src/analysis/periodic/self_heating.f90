@@ -15,7 +15,6 @@ module self_heating
   private
 
   integer, parameter :: most_rounds = 50
-  real(wp), parameter :: agreement = 1.0e3_wp        !! error of a temperature, of the warming, over the tolerance of the cycle [-]
 
   !> The parts that their losses warm.
   type, public :: heat_balance
@@ -72,8 +71,8 @@ contains
       before = rest
       call find_losses(self, run, cycle)
       rest = self%ambient + self%resistance*self%loss - self%temperature
-      allowed = agreement*cycle%tolerance*maxval(self%resistance*abs(self%loss))
-      if (all(abs(rest) <= allowed)) return
+      allowed = sqrt(cycle%tolerance)*maxval(self%resistance*abs(self%loss))
+      if (self%rounds > 0 .and. all(max(abs(before), abs(rest)) <= allowed)) return   ! such a step has squared what was left
       if (self%rounds > 0) then
         change = matmul(slope, before - rest)
         associate (along => dot_product(step, change))

@@ -15,13 +15,13 @@ module turn_map
   use step_monitor, only: method_number
   use step_counts, only: actual_step, step_count
   use stops, only: stop_model, stop_open
+  use stored_pass, only: least_range
   use time_stepper, only: root_watch, stepper, paused, reached
   use turn_log, only: turn_result
   implicit none (type, external)
   private
 
   real(wp), parameter :: whole_turn = 2*pi           ! [rad]
-  real(wp), parameter, public :: difference = 1.0e-4_wp   !! of a difference quotient, of the scales [-]
 
   !> The map.
   type, public :: period_map
@@ -32,7 +32,8 @@ module turn_map
     logical, allocatable :: turning(:)               !! (compared) angles of frames: they repeat up to whole turns
     logical :: moves_on = .false.                    !! some frames need not repeat
     real(wp), allocatable :: scale(:)                !! (compared) [m, rad], [m/s, rad/s]
-    real(wp) :: noise = 0.0_wp                       !! rounding of the map, of the scales [-]
+    real(wp) :: difference = 0.0_wp                  !! of a central quotient of the map, whose errors are least there, of the scales [-]
+    real(wp) :: noise = 0.0_wp                       !! what rounding of the map makes of such a quotient [-]
   contains
     procedure :: begin
     procedure :: march
@@ -52,6 +53,7 @@ contains
     class(period_map), intent(inout) :: self
     type(run_state), intent(inout) :: run
     logical, allocatable :: repeats(:), angle(:)
+    real(wp) :: rounding                             ! of the map, of the scales [-]
     integer :: k
     run%sys%options%stage = stage_transient
     if (allocated(self%system)) deallocate (self%system)
@@ -64,7 +66,9 @@ contains
         r%adaptive = r%method /= 'rk4'
         if (.not. r%adaptive) r%step = min(r%output_step, bounds(method_number(r%method)))
       end if
-      self%noise = merge(1.0e-12_wp, 1.0e-10_wp, r%method /= 'radau')
+      rounding = merge(1.0e-12_wp, 1.0e-10_wp, r%method /= 'radau')
+      self%difference = rounding**(1.0_wp/3)
+      self%noise = rounding/self%difference
     end associate
     associate (s => self%system%m%s, p => run%d%periodic)
       self%system%has_manifold = s%rows > 0
@@ -188,7 +192,7 @@ contains
     real(wp) :: allowed(size(x)), y(size(turn%start)), h   ! [-]; [m, rad], [m/s, rad/s], [J]; [-]
     class(mechanism_system), allocatable :: system
     logical :: ok
-    h = difference/max(norm2(x), tiny(1.0_wp))
+    h = self%difference/max(norm2(x), tiny(1.0_wp))
     y = self%moved(turn%start, h*x)
     call start(self, y, turn%period, turn%states, system, ok)
     allowed = (self%scaled(y) - self%scaled(turn%start))/h
@@ -216,7 +220,6 @@ contains
     class(period_map), intent(inout) :: self
     type(turn_result), intent(in) :: turn
     integer, parameter :: kinds_of_group = 12        ! of a body, rates included
-    real(wp), parameter :: least = 1.0e-3_wp         ! of the largest of a kind, or of the scene's size [-]
     type(error_norm) :: norm
     real(wp) :: range(size(turn%start)), largest, still   ! largest of a kind; so little is rest [m, rad], [m/s, rad/s]
     integer :: g, n
@@ -232,8 +235,8 @@ contains
       if (g <= n) largest = maxval(norm%largest(1 + mod(g - 1, kinds_of_group):n:kinds_of_group))
       still = norm%floor(g)
       if (norm%rate(g)) still = still*whole_turn/turn%period
-      norm%scale(g) = max(norm%largest(g), least*largest)
-      if (largest <= still) norm%scale(g) = least/least_scale*still
+      norm%scale(g) = max(norm%largest(g), least_range*largest)
+      if (largest <= still) norm%scale(g) = least_range/least_scale*still
     end do
     self%scale = norm%scale(norm%group(self%compared))
     where (self%turning) self%scale = min(self%scale, 1.0_wp)

@@ -12,7 +12,7 @@ module stored_pass
   private
   public :: compared_columns
 
-  real(wp), parameter :: least_range = 1.0e-3_wp   !! that counts, of the largest one of its kind [-]
+  real(wp), parameter, public :: least_range = 1.0e-3_wp   !! that counts, of the largest one of its kind [-]
 
   !> The last pass that was finished, and that under way.
   type, public :: pass_rows

@@ -6,7 +6,7 @@ module validity
   use body, only: body_model
   use elastic_operators, only: factor_entries, mass_product
   use evaluation_results, only: evaluation
-  use layer_limits, only: body_sentence, stiff_core, thick_layers
+  use layer_limits, only: body_sentence, stiff_core, thick_layers, told
   use mechanism, only: mechanism_model
   use text, only: either
   implicit none (type, external)
@@ -16,7 +16,6 @@ module validity
   real(wp), parameter :: large_deflection = 0.1_wp   !! of the body's length [-]
   real(wp), parameter :: large_angle = 0.2_wp        !! of a section in its frame, of the shear of a core [rad]
   real(wp), parameter :: fast_spin = 1.0_wp/3.0_wp   !! of the lowest bending frequency [-]
-  real(wp), parameter :: slender = 0.01_wp           !! change of a frequency by shear beyond which a beam is not slender [-]
   real(wp), parameter :: shear_ratio = 3.12_wp       !! E/(kappa G) of a rectangle at Poisson's ratio 0.3 [-]
   real(wp), parameter :: least_vibration = 1.0e-9_wp !! amplitude of a vibration, of the deflection; below it is rounding [-]
   real(wp), parameter :: part_period = 1/(1 - 1/(4*pi))   !! mean squares over a period and a part of the next one err by this [-]
@@ -171,7 +170,7 @@ contains
         end if
         shear = shear_correction(body)
         reduced = body%basis%reduced_from > 0
-        if (shear > slender) text = text//body_sentence(body, '', 'is so short and thick that shear and rotary inertia, which '// &
+        if (shear > told) text = text//body_sentence(body, '', 'is so short and thick that shear and rotary inertia, which '// &
           'sections without shear=.true. lack, would lower its '//either('highest kept', 'lowest', reduced .and. body%nf > 1)// &
           ' frequency by', 100*shear, '%'//either('', ', and higher ones by more', reduced))
       end associate
