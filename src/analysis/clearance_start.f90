@@ -29,21 +29,28 @@ contains
     integer, allocatable :: pins(:)                 ! clearances beside which the deck leaves something open
     logical, allocatable :: outside(:), still(:)    ! (pins) of their holes
     real(wp), allocatable :: off(:)                 ! (3 times bodies) by how much stated velocities differ [m/s, rad/s]
+    logical, dimension(0:size(d%bodies)) :: stated, placed   ! by the deck: velocities, position; the ground is so
+    integer, allocatable :: frames(:)               ! (3 times bodies) their coordinates in those of the scene
     logical :: ok
-    integer :: k
+    integer :: k, i
     contradiction = ''
+    stated(0) = .true.
+    stated(1:) = d%bodies%velocity_stated .and. d%bodies%angular_velocity_stated
+    placed(0) = .true.
+    placed(1:) = d%bodies%position_given
     associate (a => d%stops%a%body, b => d%stops%b%body)
-      pins = pack([(k, k=1, size(a))], d%stops%type == 'clearance' .and. .not. (is_stated(a) .and. is_stated(b) .and. &
-                                                                                is_placed(a) .and. is_placed(b)))
+      pins = pack([(k, k=1, size(a))], d%stops%type == 'clearance' .and. .not. (stated(a) .and. stated(b) .and. &
+                                                                                placed(a) .and. placed(b)))
       if (size(pins) == 0) return
       call assemble_with_pins(d, pins, spread(.false., 1, size(pins)), m, q, v, outside, ok)
       if (.not. ok) return
-      outside = outside .and. .not. (is_placed(a(pins)) .and. is_placed(b(pins)))
+      outside = outside .and. .not. (placed(a(pins)) .and. placed(b(pins)))
     end associate
+    frames = [((s%qo(k) + i, i=1, 3), k=1, size(d%bodies))]
     if (any(outside)) then
       call assemble_with_pins(d, pins, (outside), m, q, v, still, ok)
       if (.not. ok) return
-      call take(s%start, q, spread(.true., 1, size(q)))
+      s%start(frames) = q
     end if
     off = merge(abs(v - m%s%v0), 0.0_wp, m%s%stated)
     k = maxloc(off, 1)
@@ -54,35 +61,8 @@ contains
         ': so the pins of all clearances move from the start, and strike; expected the velocities of all bodies beside '// &
         'clearances, or of none'
     else
-      call take(s%v0, v, .not. m%s%stated)
+      s%v0(frames) = merge(s%v0(frames), v, m%s%stated)
     end if
-  contains
-    !> Whether the deck states the velocities of a body, or it is the ground.
-    pure elemental logical function is_stated(body)
-      integer, intent(in) :: body
-      is_stated = body == 0
-      if (body > 0) is_stated = d%bodies(body)%velocity_stated .and. d%bodies(body)%angular_velocity_stated
-    end function is_stated
-
-    !> Whether the deck gives the position of a body, or it is the ground.
-    pure elemental logical function is_placed(body)
-      integer, intent(in) :: body
-      is_placed = body == 0
-      if (body > 0) is_placed = d%bodies(body)%position_given
-    end function is_placed
-
-    !> Takes values of the frames into those of the scene.
-    subroutine take(all, frames, which)
-      real(wp), intent(inout) :: all(:)             !! (nq) [m, rad], [m/s, rad/s]
-      real(wp), intent(in) :: frames(:)             !! (3 times bodies) [m, rad], [m/s, rad/s]
-      logical, intent(in) :: which(:)               !! (3 times bodies)
-      integer :: b, k
-      do b = 1, size(d%bodies)
-        do k = 1, 3
-          if (which(3*b - 3 + k)) all(s%qo(b) + k) = frames(3*b - 3 + k)
-        end do
-      end do
-    end subroutine take
   end subroutine start_through_clearances
 
   !> Assembles the deck's rigid bodies, joints and drives with a joint behind them for each pin: held where its markers are, or one

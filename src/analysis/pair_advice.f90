@@ -83,33 +83,32 @@ contains
     type(summary_record), intent(inout) :: text
     associate (r => d%profiles(number))
       if (r%kind == 'points') then
-        call judge('points of profile', r%name, r%x, hypot(r%x(2:) - r%x(:size(r%x) - 1), r%y(2:) - r%y(:size(r%y) - 1)), r%y)
+        call judge('points of profile', r%name, reshape([r%x, r%y], [size(r%x), 2]), &
+                   hypot(r%x(2:) - r%x(:size(r%x) - 1), r%y(2:) - r%y(:size(r%y) - 1)))
       else if (r%kind == 'law') then
         associate (h => d%histories(r%history))
-          if (h%kind == 'table') call judge('table', h%name, h%values/h%value_scale, h%time(2:) - h%time(:size(h%time) - 1))
+          if (h%kind == 'table') call judge('table', h%name, reshape(h%values/h%value_scale, [size(h%values), 1]), &
+                                            h%time(2:) - h%time(:size(h%time) - 1))
         end associate
       end if
     end associate
   contains
     !> Judges numbers at some steps.
-    subroutine judge(what, name, x, steps, y)
+    subroutine judge(what, name, x, steps)
       character(*), intent(in) :: what, name
-      real(wp), intent(in) :: x(:), steps(:)       !! [any]
-      real(wp), intent(in), optional :: y(:)       !! other coordinates [any]
-      real(wp) :: share, bend(size(x)), w
+      real(wp), intent(in) :: x(:, :), steps(:)    !! (places, coordinates), (places - 1) [any]
+      real(wp) :: share, bend, digit               ! [-], largest curvature, last digit [any]
       integer :: k
       bend = 0.0_wp
-      do k = 2, size(x) - 1
-        w = 0.5_wp*(steps(k - 1) + steps(k))
-        bend(k) = abs((x(k + 1) - x(k))/steps(k) - (x(k) - x(k - 1))/steps(k - 1))/w
-        if (present(y)) bend(k) = hypot(bend(k), ((y(k + 1) - y(k))/steps(k) - (y(k) - y(k - 1))/steps(k - 1))/w)
+      do k = 2, size(x, 1) - 1
+        bend = max(bend, norm2((x(k + 1, :) - x(k, :))/steps(k) - (x(k, :) - x(k - 1, :))/steps(k - 1)) &
+                   /(0.5_wp*(steps(k - 1) + steps(k))))
       end do
-      w = last_digit(x)
-      if (present(y)) w = max(w, last_digit(y))
-      share = 0.5_wp*w*4/(sum(steps)/size(steps))**2/max(maxval(bend), tiny(1.0_wp))
-      if (share > tolerable .and. maxval(bend) > 0.0_wp) call text%warn(what//' '//quoted(trim(name))//' are written to '// &
-        to_text(w)//', which may make the curvature err by '//to_text(anint(100*share))//' % of its largest value; forces on a '// &
-        'profile follow it: fewer points, more digits or a law')
+      digit = maxval([(last_digit(x(:, k)), k=1, size(x, 2))])
+      share = 0.5_wp*digit*4/(sum(steps)/size(steps))**2/max(bend, tiny(1.0_wp))
+      if (share > tolerable .and. bend > 0.0_wp) call text%warn(what//' '//quoted(trim(name))//' are written to '// &
+        to_text(digit)//', which may make the curvature err by '//to_text(anint(100*share))//' % of its largest value; forces '// &
+        'on a profile follow it: fewer points, more digits or a law')
     end subroutine judge
   end subroutine judge_digits
 

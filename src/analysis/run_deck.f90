@@ -64,6 +64,7 @@ contains
     type(stability_advice) :: advice
     character(:), allocatable :: words
     type(summary_record) :: text
+    logical :: refused, written
     call system_clock(run%began)
     status = status_bad_input
     call read_deck(path, run%d, faults, options%settings, options%flat)
@@ -106,12 +107,15 @@ contains
     if (options%json .or. .not. options%check) call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)   ! in JSON alone
     call advise(run, advice)
     call text%append(advice%text)
-    call deck_step(run, advice, text)
+    call deck_step(run, advice, options%check, text, refused)
     call text%close()
     call advise_stops(run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), text)
     call advise_pairs(run%d, run%sys%m, text)
     call warn_of_loops(run, text)
-    if (step_refused(run, advice, options%check)) return
+    if (refused) then
+      written = write_bytes(standard_error, readable(advice%text%words%all()))
+      return
+    end if
     if (options%check) then
       words = readable(text%words%all())
       if (options%json) words = text%json()//new_line('a')
@@ -131,43 +135,24 @@ contains
     status = status_no_output
   end subroutine print_words
 
-  !> Whether a fixed explicit step lies above the safe bound and is not accepted; says so (a check only warns).
-  logical function step_refused(run, advice, check) result(refused)
-    type(run_state), intent(in) :: run
-    type(stability_advice), intent(in) :: advice
-    logical, intent(in) :: check
-    logical :: written
-    real(wp) :: h                           ! [s]
-    integer :: k
-    refused = .false.
-    associate (r => run%d%transient)
-      k = method_number(r%method)
-      if (.not. r%present .or. r%adaptive .or. k == 0) return
-      h = actual_step(r%output_step, r%step)
-      if (h <= advice%safe%step(k)) return
-      refused = .not. (check .or. r%accept_unstable)
-      call tell(r%at%file//':'//to_text(r%at%line)//': transient/step: '//either('', 'warning: ', refused)//'step = '// &
-                es_text(h, 3)//' s is above the safe bound of '//trim(r%method)//', '//es_text(advice%safe%step(k), 3)// &
-                ' s, set by '//trim(advice%safe%cause(k)%what)//'; expected at most '//es_text(most_of(advice%lowest(k)), 3)// &
-                ' s, or generalized_alpha, or accept_unstable=.true.')
-    end associate
-    if (refused) written = write_bytes(standard_error, readable(advice%text%words%all()))
-  end function step_refused
-
   !> A little less than a bound, so that its rounded digits are below it [s].
   pure real(wp) function most_of(bound)
     real(wp), intent(in) :: bound           !! [s]
     most_of = 0.98_wp*bound
   end function most_of
 
-  !> Whether the step that the deck asks for is stable, in words.
-  subroutine deck_step(run, advice, text)
+  !> Whether the step that the deck asks for is stable, in words. A fixed explicit one above the safe bound is refused, unless the
+  !> deck accepts it; a check only warns.
+  subroutine deck_step(run, advice, check, text, refused)
     type(run_state), intent(in) :: run
     type(stability_advice), intent(in) :: advice
+    logical, intent(in) :: check
     type(summary_record), intent(inout) :: text
+    logical, intent(out) :: refused
     character(:), allocatable :: line
     real(wp) :: h                           ! [s]
     integer :: k
+    refused = .false.
     associate (r => run%d%transient, m => run%sys%m)
       if (.not. r%present) return
       k = method_number(r%method)
@@ -185,6 +170,11 @@ contains
         line = line//' with step='//to_text(h)//' s, {step_of_safe_bound %} of the safe bound: '
         if (h > advice%safe%step(k)) then
           line = line//'above that bound'
+          refused = .not. (check .or. r%accept_unstable)
+          call tell(r%at%file//':'//to_text(r%at%line)//': transient/step: '//either('', 'warning: ', refused)//'step = '// &
+                    es_text(h, 3)//' s is above the safe bound of '//trim(r%method)//', '//es_text(advice%safe%step(k), 3)// &
+                    ' s, set by '//trim(advice%safe%cause(k)%what)//'; expected at most '//es_text(most_of(advice%lowest(k)), 3)// &
+                    ' s, or generalized_alpha, or accept_unstable=.true.')
         else if (h > advice%lowest(k)) then
           line = line//'too large where bodies bend as far as the model holds; expected at most '// &
                  to_text(most_of(advice%lowest(k)))//' s'
@@ -211,6 +201,7 @@ contains
     type(summary_record), intent(inout) :: text         !! the summary so far
     type(failure) :: fail
     type(transient_march) :: march
+    character(:), allocatable :: refused
     integer :: lock
     logical :: ok
     integer(ip) :: t0, t1, rate
@@ -227,18 +218,13 @@ contains
     call cpu_time(p0)
     run%opening = text
     if (.not. run%restart) call begin_results(run, fail)
-    call check_lapack('set-up', fail)
     if (.not. fail%happened()) call refuse_uneven(run, 'analysis', status_bad_input, fail)
     if (run%d%static%present .and. .not. fail%happened()) call run_static(run, text, fail)
-    call check_lapack('static analysis', fail)
     if (.not. run%d%static%present) run%sys%options%stage = stage_linear
     if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
-    call check_lapack('modal analysis', fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
-    call check_lapack('frequency response', fail)
     call text%warn(limits_of_beams(run%sys%m, run%fastest))
     if (run%d%periodic%present .and. .not. fail%happened()) call run_periodic(run, text, fail)
-    call check_lapack('periodic analysis', fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
       run%sys%options%stage = stage_transient
       if (run%d%transient%accuracy > 0.0_wp .or. run%d%transient%check_error) then
@@ -249,7 +235,10 @@ contains
         call text%close()
       end if
     end if
-    call check_lapack('transient', fail)
+    refused = refused_routine()
+    if (len(refused) > 0) fail = failure()
+    if (len(refused) > 0) call fail%raise(status_failed, 'the linear algebra library refuses a matrix ('//refused// &
+                                          '), so that no result can be trusted; this is a fault of biela')
     call system_clock(t1)
     call cpu_time(p1)
     ok = .true.
@@ -266,16 +255,4 @@ contains
     end if
     if (fail%happened()) call fail%tell(run%d%path)
   end function run_in_folder
-
-  !> Fails where a LAPACK or BLAS routine has refused its arguments: what was computed from it means nothing.
-  subroutine check_lapack(analysis, fail)
-    character(*), intent(in) :: analysis      !! what ran
-    type(failure), intent(inout) :: fail
-    character(:), allocatable :: routine
-    routine = refused_routine()
-    if (len(routine) == 0) return
-    fail = failure()
-    call fail%raise(status_failed, 'the '//analysis//' cannot be done: the linear algebra library refuses a matrix of it ('// &
-                    routine//'); this is a fault of biela')
-  end subroutine check_lapack
 end module run_deck

@@ -19,7 +19,6 @@ module scene_run
   use tableaux, only: method_names
   use text, only: to_text
   use trial_scene, only: assemble_scene
-  use turn_log, only: turn_list
   use summary_text, only: summary_record
   use validity, only: validity_watch
   implicit none (type, external)
@@ -45,7 +44,7 @@ module scene_run
     logical :: model_found = .false.          !! pilots have looked for it, or at it
     real(wp), allocatable :: model_error(:)   !! (columns) what left-out modes make them err, where the run chose [of the column]
     type(summary_record) :: model_words       !! what pilots have found
-    type(turn_list) :: turns                  !! of the periodic analysis
+    type(value_archive) :: turns              !! of the periodic analysis; restoring, while turns of a checkpoint are left
     integer(ip) :: began = 0                  !! count of the clock, for `most_seconds` alone
     logical :: quiet = .false.
     logical :: restart = .false.

@@ -22,7 +22,6 @@ contains
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)               !! (nq) assembled positions [m], [rad]
     type(summary_record), intent(inout) :: text
-    character(:), allocatable :: friction
     integer :: k
     call text%open('scene', '{')
     call text%member('size', json_number(m%s%size))
@@ -40,71 +39,147 @@ contains
     call text%open('joints', '[')
     do k = 1, size(d%joints)
       associate (r => d%joints(k))
-        friction = ''
-        if (max(r%friction, r%friction_static, r%preload, r%preload_static) > 0.0_wp) friction = &
-          ', "friction": '//json_number(r%friction)
-        call pair(r%name, r%type, r%a, r%b, r%direction, friction//follower(r%profile, r%radius, r%face))
+        call begin_pair(r%name, r%type, r%a, r%b, r%direction)
+        if (max(r%friction, r%friction_static, r%preload, r%preload_static) > 0.0_wp) call text%member('friction', &
+                                                                                                      json_number(r%friction))
+        call end_follower(r%profile, r%radius, r%face)
       end associate
     end do
     call text%close()
     call text%open('drives', '[')
     do k = 1, size(d%drives)
-      call pair(d%drives(k)%name, d%drives(k)%type, d%drives(k)%a, d%drives(k)%b, d%drives(k)%direction, '')
+      call begin_pair(d%drives(k)%name, d%drives(k)%type, d%drives(k)%a, d%drives(k)%b, d%drives(k)%direction)
+      call text%close()
     end do
     call text%close()
     call text%open('springs', '[')
     do k = 1, size(d%springs)
-      call pair(d%springs(k)%name, d%springs(k)%type, d%springs(k)%a, d%springs(k)%b, 0.0_wp, '')
+      call begin_pair(d%springs(k)%name, d%springs(k)%type, d%springs(k)%a, d%springs(k)%b, 0.0_wp)
+      call text%close()
     end do
     call text%close()
     call text%open('stops', '[')
     do k = 1, size(d%stops)
       associate (r => d%stops(k))
-        call pair(r%name, r%type, r%a, r%b, r%direction, ', "lower": '//json_number(r%lower)//', "upper": '// &
-                  json_number(r%upper)//follower(r%profile, r%radius, r%face))
+        call begin_pair(r%name, r%type, r%a, r%b, r%direction)
+        call text%member('lower', json_number(r%lower))
+        call text%member('upper', json_number(r%upper))
+        call end_follower(r%profile, r%radius, r%face)
       end associate
     end do
     call text%close()
     call text%open('forces', '[')
     do k = 1, size(d%forces)
       associate (r => d%forces(k))             ! as where their history is 1
-        call text%member('', item(r%name, r%type)//', "at": '//marker(r%marker)//', "force": '//vector([r%fx, r%fy])// &
-                         ', "axes": '//json_text(trim(r%axes))//', "moment": '//json_number(r%moment)//', "centre": '// &
-                         vector(r%centre)//'}')
+        call begin_item(r%name, r%type)
+        call text%member('at', marker(r%marker))
+        call text%member('force', vector([r%fx, r%fy]))
+        call text%member('axes', json_text(trim(r%axes)))
+        call text%member('moment', json_number(r%moment))
+        call text%member('centre', vector(r%centre))
+        call text%close()
       end associate
     end do
     call text%close()
     call text%open('lumps', '[')
     do k = 1, size(d%lumps)
-      call text%member('', '{"at": '//marker(d%lumps(k)%marker)//', "mass": '//json_number(d%lumps(k)%mass)//'}')
+      call text%open('', '{')
+      call text%member('at', marker(d%lumps(k)%marker))
+      call text%member('mass', json_number(d%lumps(k)%mass))
+      call text%close()
     end do
     call text%close()
     call text%open('sensors', '[')
     do k = 1, size(d%sensors)
-      call text%member('', item(d%sensors(k)%name, d%sensors(k)%quantity)//', "at": '//marker(measured(k))//'}')
+      call begin_item(d%sensors(k)%name, d%sensors(k)%quantity)
+      call text%member('at', marker(measured(k)))
+      call text%close()
     end do
     call text%close()
     call text%close()
   contains
+    !> The beginning of an item: its name and its kind.
+    subroutine begin_item(name, kind)
+      character(*), intent(in) :: name, kind
+      call text%open('', '{')
+      call text%member('name', json_text(trim(name)))
+      call text%member('kind', json_text(trim(kind)))
+    end subroutine begin_item
+
+    !> The beginning of what acts between two markers, with its direction in global axes.
+    subroutine begin_pair(name, kind, a, b, direction)
+      character(*), intent(in) :: name, kind
+      type(marker_record), intent(in) :: a, b
+      real(wp), intent(in) :: direction        !! from the section of b [rad]
+      call begin_item(name, kind)
+      call text%member('a', marker(a))
+      call text%member('b', marker(b))
+      associate (at_b => pose(b))
+        call text%member('direction', json_number(direction + at_b(3)))
+      end associate
+    end subroutine begin_pair
+
+    !> The end of a joint or stop: where it follows a profile, its name, and a roller or a face (its angle from the section; null:
+    !> none).
+    subroutine end_follower(number, radius, face)
+      integer, intent(in) :: number            !! of the profile, 0: none
+      real(wp), intent(in) :: radius           !! [m]
+      real(wp), intent(in) :: face             !! [rad]
+      if (number > 0) then
+        call text%member('profile', json_text(trim(d%profiles(number)%name)))
+        call text%member('radius', json_number(radius))
+        call text%member('face', json_number(face))
+      end if
+      call text%close()
+    end subroutine end_follower
+
     !> A body: frame, nodes, elements; of a rigid body its mass centre.
     subroutine add_body(k)
       integer, intent(in) :: k                 !! body
-      type(text_buffer) :: nodes, elements
+      real(wp), allocatable :: places(:, :)    ! of nodes, then of the mass centre [m], [rad]
       integer :: j
-      associate (b => m%s%bodies(k), r => d%bodies(k))
+      associate (b => m%s%bodies(k))
+        allocate (places(3, b%nn + 1))
         do j = 1, b%nn
-          if (j > 1) call nodes%add(', ')
-          call nodes%add(position(marker_record(body=k, node=j)))
+          places(:, j) = pose(marker_record(body=k, node=j))
         end do
-        do j = 1, b%ne
-          if (j > 1) call elements%add(', ')
-          call elements%add('['//to_text(b%en(1, j))//', '//to_text(b%en(2, j))//']')
-        end do
-        call text%member('', item(r%name, r%kind)//', "frame": '//vector(q(m%s%qo(k) + 1:m%s%qo(k) + 3))//', "mass": '// &
-                         json_number(b%mass)//', "centre": '//position(marker_record(body=k, point=b%i1/b%mass))// &
-                         ', "nodes": ['//nodes%all()//'], "elements": ['//elements%all()//']'//layers_of(k)//'}')
+        places(:, b%nn + 1) = pose(marker_record(body=k, point=b%i1/b%mass))
+        call begin_item(d%bodies(k)%name, d%bodies(k)%kind)
+        call text%member('frame', vector(q(m%s%qo(k) + 1:m%s%qo(k) + 3)))
+        call text%member('mass', json_number(b%mass))
+        call text%member('centre', vector(places(1:2, b%nn + 1)))
+        call text%member('nodes', vectors(places(1:2, :b%nn)))
+        call text%member('elements', vectors(real(b%en(:, :b%ne), wp)))
       end associate
+      if (m%s%bodies(k)%layers%shown) call add_layers(k)
+      call text%close()
     end subroutine add_body
+
+    !> The sections of a body of layers, each layer between two heights above the node line, and the section of each element.
+    subroutine add_layers(k)
+      integer, intent(in) :: k                 !! body
+      integer :: j, l
+      associate (b => m%s%bodies(k)%layers)
+        call text%open('sections', '[')
+        do j = 1, size(b%sections)
+          call text%open('', '[')
+          do l = 1, size(b%sections(j)%layers)
+            associate (layer => b%sections(j)%layers(l))
+              call text%open('', '{')
+              call text%member('material', json_text(trim(m%s%materials(layer%material))))
+              call text%member('from', json_number(layer%height - 0.5_wp*layer%thickness))
+              call text%member('to', json_number(layer%height + 0.5_wp*layer%thickness))
+              call text%member('core', either('true', 'false', layer%core > 0))
+              call text%member('viscoelastic', either('true', 'false', layer%follows))
+              call text%close()
+            end associate
+          end do
+          call text%close()
+        end do
+        call text%close()
+        call text%member('element_sections', vector(real(b%kinds(b%kind)%section, wp)))
+      end associate
+    end subroutine add_layers
 
     !> A profile that some pair has: the points of its outline, in the axes of the section that carries it.
     subroutine add_profile(number)
@@ -123,80 +198,14 @@ contains
     subroutine outline(number, gap)
       integer, intent(in) :: number            !! profile
       class(measure_model), intent(in) :: gap
-      real(wp), allocatable :: c(:, :)         ! [m]
-      type(text_buffer) :: points
-      integer :: k
       select type (gap)
       class is (pair_measure)
-        c = gap%profile%outline()
-        do k = 1, size(c, 2)
-          if (k > 1) call points%add(', ')
-          call points%add(vector(c(:, k)))
-        end do
-        call text%member('', item(d%profiles(number)%name, d%profiles(number)%kind)//', "closed": '// &
-                         yes(d%profiles(number)%closed)//', "points": ['//points%all()//']}')
+        call begin_item(d%profiles(number)%name, d%profiles(number)%kind)
+        call text%member('closed', either('true', 'false', d%profiles(number)%closed))
+        call text%member('points', vectors(gap%profile%outline()))
+        call text%close()
       end select
     end subroutine outline
-
-    !> What follows a profile: its name, and a roller or a face (its angle from the section; null: none).
-    function follower(number, radius, face) result(json)
-      integer, intent(in) :: number            !! 0: none
-      real(wp), intent(in) :: radius           !! [m]
-      real(wp), intent(in) :: face             !! [rad]
-      character(:), allocatable :: json
-      json = ''
-      if (number > 0) json = ', "profile": '//json_text(trim(d%profiles(number)%name))//', "radius": '//json_number(radius)// &
-        ', "face": '//json_number(face)
-    end function follower
-
-    !> The sections of a body of layers, each layer between two heights above the node line, and the section of each element.
-    function layers_of(k) result(json)
-      integer, intent(in) :: k                 !! body
-      character(:), allocatable :: json
-      type(text_buffer) :: words
-      integer :: j, l
-      json = ''
-      if (.not. m%s%bodies(k)%layers%shown) return
-      call words%add(', "sections": [')
-      associate (b => m%s%bodies(k)%layers)
-        do j = 1, size(b%sections)
-          call words%add(either('[', ', [', j == 1))
-          do l = 1, size(b%sections(j)%layers)
-            associate (layer => b%sections(j)%layers(l))
-              call words%add(either('', ', ', l == 1)//'{"material": '//json_text(trim(m%s%materials(layer%material)))// &
-                             ', "from": '//json_number(layer%height - 0.5_wp*layer%thickness)//', "to": '// &
-                             json_number(layer%height + 0.5_wp*layer%thickness)//', "core": '//yes(layer%core > 0)// &
-                             ', "viscoelastic": '//yes(layer%follows)//'}')
-            end associate
-          end do
-          call words%add(']')
-        end do
-        call words%add('], "element_sections": [')
-        do j = 1, size(b%kind)
-          call words%add(either('', ', ', j == 1)//to_text(b%kinds(b%kind(j))%section))
-        end do
-      end associate
-      json = words%all()//']'
-    end function layers_of
-
-    !> A truth value.
-    function yes(x) result(json)
-      logical, intent(in) :: x
-      character(:), allocatable :: json
-      json = either('true', 'false', x)
-    end function yes
-
-    !> What acts between two markers, with its direction in global axes.
-    subroutine pair(name, kind, a, b, direction, rest)
-      character(*), intent(in) :: name, kind
-      type(marker_record), intent(in) :: a, b
-      real(wp), intent(in) :: direction        !! from the section of b [rad]
-      character(*), intent(in) :: rest        !! further members
-      associate (at_b => pose(b))
-        call text%member('', item(name, kind)//', "a": '//marker(a)//', "b": '//marker(b)//', "direction": '// &
-                         json_number(direction + at_b(3))//rest//'}')
-      end associate
-    end subroutine pair
 
     !> Where a sensor measures; those of joints, drives, springs and stops at their marker a.
     type(marker_record) function measured(k) result(at)
@@ -218,17 +227,10 @@ contains
       character(:), allocatable :: json
       json = 'null'
       if (r%body > 0) json = json_text(trim(d%bodies(r%body)%name))
-      json = '{"body": '//json//', "node": '//to_text(r%node)//', "at": '//position(r)//'}'
-    end function marker
-
-    !> Position of a marker.
-    function position(r) result(json)
-      type(marker_record), intent(in) :: r
-      character(:), allocatable :: json
       associate (x => pose(r))
-        json = vector(x(1:2))
+        json = '{"body": '//json//', "node": '//to_text(r%node)//', "at": '//vector(x(1:2))//'}'
       end associate
-    end function position
+    end function marker
 
     !> Position of a marker, and the angle of its section, of the frame where it has none.
     function pose(r) result(x)
@@ -246,22 +248,27 @@ contains
     end function pose
   end subroutine add_scene
 
-  !> The beginning of an item: its name and its kind.
-  function item(name, kind) result(text)
-    character(*), intent(in) :: name, kind
-    character(:), allocatable :: text
-    text = '{"name": '//json_text(trim(name))//', "kind": '//json_text(trim(kind))
-  end function item
-
   !> Numbers as a JSON list.
-  function vector(x) result(text)
+  function vector(x) result(json)
     real(wp), intent(in) :: x(:)               !! [m], [rad] or any other unit
-    character(:), allocatable :: text
+    character(:), allocatable :: json
+    type(text_buffer) :: words
     integer :: k
-    text = '['//json_number(x(1))
-    do k = 2, size(x)
-      text = text//', '//json_number(x(k))
+    do k = 1, size(x)
+      call words%add(either('', ', ', k == 1)//json_number(x(k)))
     end do
-    text = text//']'
+    json = '['//words%all()//']'
   end function vector
+
+  !> Columns of numbers as a list of lists.
+  function vectors(x) result(json)
+    real(wp), intent(in) :: x(:, :)            !! [m] or any other unit
+    character(:), allocatable :: json
+    type(text_buffer) :: words
+    integer :: k
+    do k = 1, size(x, 2)
+      call words%add(either('', ', ', k == 1)//vector(x(:, k)))
+    end do
+    json = '['//words%all()//']'
+  end function vectors
 end module scene_figures

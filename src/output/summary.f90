@@ -65,7 +65,6 @@ contains
       if (report%rank < s%permanent_rows) call text%line('  redundant constraints: {redundant_constraints #} at the start, '// &
         'among'//undetermined(m, report, size(report%dependent)), [real(wp) :: s%permanent_rows - report%rank])
     end associate
-    call frame_notes(m, text)
     call text%warn(model_warnings(d, m, report))
     call text%close()
   contains
@@ -227,40 +226,4 @@ contains
     text = 'body "'//trim(b%name)//'" is clamped at a node of so fine a mesh that rounding may spoil accelerations '// &
            'and reactions there; expected reference=''pinned'' or fewer elements'//new_line('a')
   end function weak_frame
-
-  !> Says where a gear, drive, torque or torsional spring acts on the frame of a flexible body.
-  subroutine frame_notes(m, text)
-    type(mechanism_model), intent(in) :: m
-    type(summary_record), intent(inout) :: text
-    logical :: acts(6)
-    character(:), allocatable :: what
-    integer :: k
-    do k = 1, m%s%permanent
-      associate (c => m%s%constraints(k)%item)
-        acts = c%acts_on()
-        what = either('joint', 'drive', k <= m%s%joints)//' "'//trim(c%name)//'"'
-        if (acts(3)) call note(c%ia, what)
-        if (acts(6)) call note(c%ib, what)
-        if (c%ic > 0) call note(c%ic, what)
-      end associate
-    end do
-    do k = 1, m%s%acting
-      associate (f => m%s%forces(k)%item)
-        call note(f%ia, trim(f%group)//' "'//trim(f%name)//'"')
-        if (f%ib /= f%ia) call note(f%ib, trim(f%group)//' "'//trim(f%name)//'"')
-      end associate
-    end do
-  contains
-    !> Adds the line if the marker is the frame of a flexible body.
-    subroutine note(marker, what)
-      integer, intent(in) :: marker
-      character(*), intent(in) :: what
-      integer :: b
-      b = m%s%markers(marker)%body
-      if (b == 0 .or. m%s%markers(marker)%node > 0) return
-      if (.not. m%s%bodies(b)%flexible) return
-      call text%line('  note: '//what//' acts on the frame of flexible body "'//trim(m%s%bodies(b)%name)// &
-                    '", whose angle depends on its reference conditions')
-    end subroutine note
-  end subroutine frame_notes
 end module summary

@@ -11,7 +11,7 @@ module cycle_search
   use scene_run, only: run_state, no_output
   use switching, only: event_list, switch_event
   use text, only: either, es_text, to_text
-  use turn_log, only: turn_result
+  use turn_log, only: exchange_turns, turn_result
   use turn_map, only: period_map
   implicit none (type, external)
   private
@@ -60,7 +60,7 @@ contains
     type(value_archive) :: a
     integer :: signal
     logical :: ok
-    associate (log => run%turns%log, interval => run%d%transient%checkpoint_interval)
+    associate (log => run%turns, interval => run%d%transient%checkpoint_interval)
       log%saving = log%saving .or. log%complete()
       if (log%saving) then
         call self%map%march(x, period, held, turn, signal)
@@ -72,7 +72,7 @@ contains
         if (.not. ok) then
           call a%begin_saving()
           if (run%model_found) call run%exchange_model(a)
-          call run%turns%exchange(a)
+          call exchange_turns(run%turns, a)
           call write_checkpoint(run%folder, run%d%text, run%d%settings, a, ok)
           if (.not. ok) call no_output(run, self%fail)
         end if

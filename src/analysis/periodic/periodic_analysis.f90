@@ -12,6 +12,7 @@ module periodic_analysis
   use summary_text, only: summary_record
   use text, only: joined, to_text
   use text_file, only: result_file
+  use turn_log, only: exchange_turns
   use whole_file, only: read_file
   implicit none (type, external)
   private
@@ -31,9 +32,9 @@ contains
     real(wp) :: now, before                   ! largest error, of this and of the last number of steps [-]
     real(wp) :: longer                        ! [-]
     character(:), allocatable :: problem
-    call run%turns%log%begin_saving()
+    call run%turns%begin_saving()
     if (run%restart) then
-      call run%turns%exchange(run%saved)
+      call exchange_turns(run%turns, run%saved)
       if (run%saved%damaged) call fail%raise(status_bad_input, 'the checkpoint in "'//run%folder// &
                                              '" does not fit this deck; run without --restart')
       if (run%saved%complete()) run%restart = .false.         ! no transient had begun

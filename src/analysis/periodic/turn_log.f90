@@ -6,6 +6,7 @@ module turn_log
   use switching, only: event_list
   implicit none (type, external)
   private
+  public :: exchange_turns
 
   !> A turn: a run of one period from a start.
   type, public :: turn_result
@@ -24,25 +25,17 @@ module turn_log
     procedure :: exchange => exchange_turn
   end type turn_result
 
-  !> All turns of a run, those of a checkpoint first.
-  type, public :: turn_list
-    type(value_archive) :: log                !! restoring, while turns of a checkpoint are left
-  contains
-    procedure :: exchange => exchange_list
-  end type turn_list
-
 contains
 
-  !> Saves or restores all turns; restored ones are played again from the first on.
-  subroutine exchange_list(self, a)
-    class(turn_list), intent(inout) :: self
-    type(value_archive), intent(inout) :: a
+  !> Saves or restores all turns of a run; restored ones are played again from the first on.
+  subroutine exchange_turns(log, a)
+    type(value_archive), intent(inout) :: log, a
     integer(ip), allocatable :: words(:)
     words = [integer(ip) ::]
-    if (a%saving) words = self%log%words(:self%log%count)
+    if (a%saving) words = log%words(:log%count)
     call a%exchange(words)
-    if (size(words) > 0 .and. .not. a%saving) call self%log%begin_restoring(words)
-  end subroutine exchange_list
+    if (size(words) > 0 .and. .not. a%saving) call log%begin_restoring(words)
+  end subroutine exchange_turns
 
   !> Saves or restores a turn.
   subroutine exchange_turn(self, a)

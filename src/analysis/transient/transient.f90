@@ -28,6 +28,7 @@ module transient
   use step_counts, only: actual_step, step_count
   use text, only: short_text, to_text
   use time_stepper, only: stepper, paused, diverged, trouble_shape
+  use turn_log, only: exchange_turns
   implicit none (type, external)
   private
   public :: run_transient
@@ -322,7 +323,7 @@ contains
       march%saved = march%method%t
       call a%begin_saving()
       if (run%model_found) call run%exchange_model(a)
-      if (run%d%periodic%present) call run%turns%exchange(a)
+      if (run%d%periodic%present) call exchange_turns(run%turns, a)
       call march%ladder%exchange(a)
       call march%rows%exchange(a)
       call march%exchange(run, a)
