@@ -26,6 +26,7 @@ contains
     character(:), allocatable, intent(out) :: contradiction   !! empty: there is none
     type(mechanism_model) :: m
     real(wp), allocatable :: q(:), v(:)             ! (3 times bodies) [m, rad], [m/s, rad/s]
+    integer, allocatable :: a(:), b(:)              ! (stops) bodies
     integer, allocatable :: pins(:)                 ! clearances beside which the deck leaves something open
     logical, allocatable :: outside(:), still(:)    ! (pins) of their holes
     real(wp), allocatable :: off(:)                 ! (3 times bodies) by how much stated velocities differ [m/s, rad/s]
@@ -38,14 +39,14 @@ contains
     stated(1:) = d%bodies%velocity_stated .and. d%bodies%angular_velocity_stated
     placed(0) = .true.
     placed(1:) = d%bodies%position_given
-    associate (a => d%stops%a%body, b => d%stops%b%body)
-      pins = pack([(k, k=1, size(a))], d%stops%type == 'clearance' .and. .not. (stated(a) .and. stated(b) .and. &
-                                                                                placed(a) .and. placed(b)))
-      if (size(pins) == 0) return
-      call assemble_with_pins(d, pins, spread(.false., 1, size(pins)), m, q, v, outside, ok)
-      if (.not. ok) return
-      outside = outside .and. .not. (placed(a(pins)) .and. placed(b(pins)))
-    end associate
+    a = d%stops%a%body
+    b = d%stops%b%body
+    pins = pack([(k, k=1, size(a))], d%stops%type == 'clearance' .and. .not. (stated(a) .and. stated(b) .and. placed(a) .and. &
+                                                                              placed(b)))
+    if (size(pins) == 0) return
+    call assemble_with_pins(d, pins, spread(.false., 1, size(pins)), m, q, v, outside, ok)
+    if (.not. ok) return
+    outside = outside .and. .not. (placed(a(pins)) .and. placed(b(pins)))
     frames = [((s%qo(k) + i, i=1, 3), k=1, size(d%bodies))]
     if (any(outside)) then
       call assemble_with_pins(d, pins, (outside), m, q, v, still, ok)
