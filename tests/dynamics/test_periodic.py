@@ -417,7 +417,7 @@ IN_A_FACTOR = """&force name='g' body='ball' fx=1 history='both' /
     ("change", "words"),
     [
         (("&periodic period={T} ", "&periodic period={T} period_guess=1 "), "are both given"),
-        (("&periodic period={T} ", "&periodic "), "period > 0"),
+        (("&periodic period={T} ", "&periodic "), "period is missing, expected period or period_guess"),
         (("&periodic period={T} ", "&periodic period={1.5*T} "), "does not repeat in the period of the cycle, 0.15 s"),
         (("&periodic period={T} ", "&periodic period_guess={T} "), "depends on time"),
         (("method='rk4'", "method='generalized_alpha'"), "wrong phases"),
