@@ -12,7 +12,7 @@ module build_bodies
                         body_length, find_segments
   use acting_markers, only: acting_marker, coordinates_under_load
   use modal_reduction, only: reduce_to_modes
-  use number_range, only: check_values
+  use number_range, only: check_values, lost
   use text, only: to_text
   implicit none (type, external)
   private
@@ -54,7 +54,7 @@ contains
         call make_flexible()
       else
         if (.not. allocated(b%segments)) allocate (b%segments(0))
-        if (b%mass*b%i11 - dot_product(b%i1, b%i1) <= 1.0e-14_wp*b%mass*b%i11) then
+        if (b%mass*b%i11 - dot_product(b%i1, b%i1) <= lost*b%mass*b%i11) then
           call r%at%blame(faults, 'the mass matrix is not positive definite: the body has no rotary inertia about '// &
                       'its mass centre; expected inertia > 0 or a lump away from the mass centre')
         end if

@@ -4,9 +4,8 @@ module build_history
   use simple_histories, only: cycloid_model, polynomial_model, pulse_model, ramp_model, rise_model, sine_model
   use deck_records, only: deck, history_record
   use history, only: breakpoint, history_box, history_model, merged
-  use product_history, only: product_model
   use sequence_history, only: sequence_model
-  use sum_history, only: sum_model
+  use sum_history, only: compound_model, product_model, sum_model
   use table_history, only: table_model
   use table_slopes, only: spline_slopes, monotone_slopes, ends_free, ends_rest, ends_natural, ends_periodic
   implicit none (type, external)
@@ -124,10 +123,16 @@ contains
     type(deck), intent(in) :: d
     type(history_record), intent(in) :: r
     class(history_model), allocatable, intent(out) :: h
-    class(sum_model), allocatable :: total
+    class(compound_model), allocatable :: total
+    type(sum_model), allocatable :: weighted
     integer :: k
-    if (r%kind == 'sum') allocate (total)
-    if (r%kind == 'product') allocate (product_model :: total)
+    if (r%kind == 'product') then
+      allocate (product_model :: total)
+    else
+      allocate (weighted)
+      weighted%factors = r%factors
+      call move_alloc(weighted, total)
+    end if
     call make_parts(d, r, total%parts)
     if (r%kind == 'product') then
       allocate (total%breaks(0))
@@ -139,7 +144,6 @@ contains
       if (len(total%parts(k)%item%remedy) > 0) total%remedy = 'in "'//trim(total%parts(k)%item%name)//'" '// &
         total%parts(k)%item%remedy
     end do
-    total%factors = r%factors
     call move_alloc(total, h)
   end subroutine make_sum
 

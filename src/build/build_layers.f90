@@ -1,12 +1,12 @@
 !> Sections of layers, and sections that shear, from records into a body whose nodes and elements are laid out.
 module build_layers
-  use kinds, only: wp, pi
+  use kinds, only: half_digits, pi, wp
   use body, only: body_model
   use build_law, only: law_of
   use errors, only: fault_list
   use deck_records, only: deck, body_record, material_record, section_record
   use layered_element, only: make_layered_element
-  use layered_section, only: beside, layered_section_model, section_layer, set_up_section, shear_coefficient
+  use layered_section, only: layered_section_model, section_layer, set_up_section, shear_coefficient
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
@@ -61,11 +61,7 @@ contains
     b%rayleigh = .false.
     do k = 1, size(pair, 2)
       associate (s => d%sections(pair(1, k)), section => b%layers%sections(k))
-        if (size(s%layers) > 0) then
-          call all_layers(s, d%materials, r, section)
-        else
-          call one_layer(s, d%materials(pair(2, k)), pair(2, k), r, section)
-        end if
+        call make_section(s, d%materials, pair(2, k), r, section)
         b%layers%shown = b%layers%shown .or. s%shear .or. size(s%layers) > 0
         b%rayleigh = b%rayleigh .or. any(section%layers%ray_m > 0.0_wp .or. section%layers%ray_k > 0.0_wp)
       end associate
@@ -105,12 +101,12 @@ contains
     type(fault_list), intent(inout) :: faults
     integer :: k
     logical :: bent                          ! elements meet at an angle
-    bent = any(hypot(b%elements%c - b%elements(1)%c, b%elements%s - b%elements(1)%s) > beside)
+    bent = any(hypot(b%elements%c - b%elements(1)%c, b%elements%s - b%elements(1)%s) > half_digits)
     do k = 1, size(b%layers%sections)
       associate (s => b%layers%sections(k))
         associate (low => s%layers(1)%height - 0.5_wp*s%layers(1)%thickness, &
                    high => s%layers(size(s%layers))%height + 0.5_wp*s%layers(size(s%layers))%thickness)
-          if (bent .and. abs(low + high) > beside*(high - low)) then
+          if (bent .and. abs(low + high) > half_digits*(high - low)) then
             call r%at%blame(faults, 'elements that meet at an angle have sections whose base is not in the middle, so that '// &
                         'layers would not meet there; expected the base layer in the middle, or elements in one direction')
             return
@@ -143,57 +139,46 @@ contains
     end do
   end subroutine find_slots
 
-  !> A section of layers.
-  subroutine all_layers(r, materials, body, s)
+  !> A section of layers, or of one material, which shears or not.
+  subroutine make_section(r, materials, material, body, s)
     type(section_record), intent(in) :: r
     type(material_record), intent(in) :: materials(:)
+    integer, intent(in) :: material          !! number of that of a section without layers
     type(body_record), intent(in) :: body
     type(layered_section_model), intent(out) :: s
     real(wp) :: factor                       ! [-]
-    integer :: l
+    integer :: l, number
+    logical :: layered
+    layered = size(r%layers) > 0
     s%shears = r%shear
-    s%base = r%base
+    if (layered) s%base = r%base
     s%core_stretch = r%core_stretch
-    allocate (s%layers(size(r%layers)))
-    do l = 1, size(r%layers)
-      associate (m => materials(r%layers(l) + body%own_materials), h => r%thickness(l))
-        s%layers(l) = layer_of(m, r%layers(l) + body%own_materials, body)
-        s%layers(l)%core = max(0, findloc(r%cores, l, 1))
-        s%layers(l)%thickness = h
-        s%layers(l)%area = r%width*h
-        s%layers(l)%second = r%width*h**3/12
-        s%layers(l)%turning = s%layers(l)%second
+    allocate (s%layers(max(1, size(r%layers))))
+    number = material
+    do l = 1, size(s%layers)
+      if (layered) number = r%layers(l) + body%own_materials
+      associate (m => materials(number), layer => s%layers(l))
+        layer = layer_of(m, number, body)
+        layer%thickness = 2*r%fibre
+        layer%area = r%area
+        layer%second = r%inertia
+        if (layered) then
+          layer%core = max(0, findloc(r%cores, l, 1))
+          layer%thickness = r%thickness(l)
+          layer%area = r%width*layer%thickness
+          layer%second = r%width*layer%thickness**3/12
+        end if
+        if (layered .or. r%shear) layer%turning = layer%second
         factor = 1.0_wp
-        if (r%shear) factor = merge(r%shear_factor, shear_coefficient('rectangle', m%poisson, 0.0_wp), r%shear_factor > 0.0_wp)
-        s%layers(l)%shear = factor*s%layers(l)%young/(2*(1 + m%poisson))
+        if (r%shear) factor = r%shear_factor
+        if (.not. factor > 0.0_wp) factor = shear_coefficient(trim(r%shape), m%poisson, r%inner/max(r%outer, tiny(1.0_wp)))
+        layer%shear = factor*layer%young/(2*(1 + m%poisson))
       end associate
     end do
     call set_up_section(s)
-  end subroutine all_layers
+  end subroutine make_section
 
-  !> A section of one material, which shears or not.
-  subroutine one_layer(r, m, material, body, s)
-    type(section_record), intent(in) :: r
-    type(material_record), intent(in) :: m
-    integer, intent(in) :: material          !! its number
-    type(body_record), intent(in) :: body
-    type(layered_section_model), intent(out) :: s
-    real(wp) :: factor                       ! [-]
-    s%shears = r%shear
-    allocate (s%layers(1))
-    s%layers(1) = layer_of(m, material, body)
-    s%layers(1)%thickness = 2*r%fibre
-    s%layers(1)%area = r%area
-    s%layers(1)%second = r%inertia
-    call set_up_section(s)
-    if (.not. r%shear) return
-    s%layers(1)%turning = r%inertia
-    factor = r%shear_factor
-    if (.not. factor > 0.0_wp) factor = shear_coefficient(trim(r%shape), m%poisson, r%inner/max(r%outer, tiny(1.0_wp)))
-    s%layers(1)%shear = factor*s%layers(1)%young/(2*(1 + m%poisson))
-  end subroutine one_layer
-
-  !> What a material gives to a layer.
+  !> What a material gives to a layer: E_R, or the storage modulus that a body without terms keeps of it.
   type(section_layer) function layer_of(m, material, body) result(layer)
     type(material_record), intent(in) :: m
     integer, intent(in) :: material          !! its number
@@ -203,19 +188,9 @@ contains
     layer%material = material
     layer%follows = body%viscoelastic .and. law%order() > 0
     layer%density = m%density
-    layer%young = elastic_modulus(m, body)
+    layer%young = m%law%stiffer*m%young
+    if (.not. body%viscoelastic) layer%young = layer%young*(1 + real(law%ratio(cmplx(0.0_wp, 2*pi*body%modulus_at, wp)), wp))
     layer%ray_m = m%rayleigh_mass
     layer%ray_k = m%law%slower*m%rayleigh_stiffness
   end function layer_of
-
-  !> E_R, or the storage modulus that a body without terms keeps of it.
-  real(wp) function elastic_modulus(m, body) result(young)   ! [Pa]
-    type(material_record), intent(in) :: m
-    type(body_record), intent(in) :: body
-    type(viscoelastic_terms) :: law
-    young = m%law%stiffer*m%young
-    if (body%viscoelastic) return
-    law = law_of(m%law)
-    young = young*(1 + real(law%ratio(cmplx(0.0_wp, 2*pi*body%modulus_at, wp)), wp))
-  end function elastic_modulus
 end module build_layers

@@ -1,7 +1,7 @@
 !> Pairs of the model from their records: what a joint or stop of type 'profile' measures. A follower that does not fit everywhere
 !> on its profile is a fault of the deck.
 module build_profiles
-  use kinds, only: wp, pi
+  use kinds, only: half_digits, pi, wp
   use build_history, only: make_history
   use contact_pair, only: pair_measure
   use curve_profile, only: curve_model, flaw_concave, flaw_double, flaw_hollow, flaw_undercut, pair_limits
@@ -21,8 +21,7 @@ module build_profiles
   private
   public :: by_angle, make_pair, watch_pair
 
-  integer, parameter :: arcs = 64            !! into which the curve of a law is cut
-  real(wp), parameter :: closes = 1.0e-9_wp  !! how far the end of a turn may be from its beginning, of the law's size [-]
+  integer, parameter :: arcs = 64            !! into which the curve of a law is cut, where it has no corners
 
 contains
 
@@ -93,14 +92,13 @@ contains
     class(law_model), allocatable :: law
     class(history_model), allocatable :: once         ! over one turn
     type(circle_model), allocatable :: circle
-    real(wp), allocatable :: marks(:)                 ! [rad]
+    real(wp), allocatable :: marks(:)                 ! ends of arcs and corners of the law [rad]
     integer :: k, before
     before = faults%count
     select case (r%kind)
     case ('circle')
       allocate (circle)
-      circle%radius = r%radius
-      circle%hollow = r%hollow
+      circle%radius = merge(-r%radius, r%radius, r%hollow)
       circle%round = .true.
       call move_alloc(circle, item)
     case ('points')
@@ -121,10 +119,9 @@ contains
       call check_law(r, once, faults)
       call by_turns(once, merge(2, 3, d%transient%adaptive .or. d%transient%method == 'generalized_alpha'), law%law)
       if (faults%count == before) then
-        call law%cut([(2*pi*k/arcs, k=0, arcs)])
         marks = [[(2*pi*k/arcs, k=0, arcs)], modulo(law%sense*law%law%breaks%time, 2*pi)]
         marks = marks(ascending(marks))
-        call law%set_marks(pack(marks, [.true., marks(2:) > marks(:size(marks) - 1)]))
+        call law%cut(pack(marks, [.true., marks(2:) > marks(:size(marks) - 1)]))
       end if
       call move_alloc(law, item)
     end select
@@ -169,10 +166,10 @@ contains
     if (law%lowest_order() < 2) call r%at%blame(faults, 'history='//quoted(trim(law%name))//' jumps or has a corner, which no '// &
       'profile has, expected a law with continuous value and slope (kind=''ramp'', ''cycloid'' or a spline)')
     turns = 2*pi/max(law%period, tiny(1.0_wp)**0.5_wp)
-    if (law%period > 0.0_wp .and. abs(turns - anint(turns)) > closes*turns) then
+    if (law%period > 0.0_wp .and. abs(turns - anint(turns)) > half_digits*turns) then
       call r%at%blame(faults, 'history='//quoted(trim(law%name))//' repeats after '//short(law%period)// &
                       ', expected 2*pi, a turn of the cam in rad')
-    else if (any(abs(last(0:1) - first(0:1)) > closes*size_of)) then
+    else if (any(abs(last(0:1) - first(0:1)) > half_digits*size_of)) then
       call r%at%blame(faults, 'history='//quoted(trim(law%name))//' begins at 0 with '//short(first(0))//' and slope '// &
         short(first(1))//' and ends at 2*pi with '//short(last(0))//' and slope '//short(last(1))// &
         ', expected the same after a turn of the cam (2*pi rad)')
@@ -190,7 +187,7 @@ contains
     y = r%scale*r%y
     n = size(x)
     if (r%closed) then                                ! the last point may be the first one, as files have it
-      if (hypot(x(n) - x(1), y(n) - y(1)) <= closes*maxval(hypot(x, y))) n = n - 1
+      if (hypot(x(n) - x(1), y(n) - y(1)) <= half_digits*maxval(hypot(x, y))) n = n - 1
       x = [x(:n), x(1)]
       y = [y(:n), y(1)]
       n = n + 1
@@ -209,7 +206,6 @@ contains
     call coordinate(x, curve%x)
     call coordinate(y, curve%y)
     call curve%cut(u)
-    call curve%set_marks(u)
     call move_alloc(curve, item)
   contains
     !> One coordinate over the length of the chords.

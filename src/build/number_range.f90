@@ -17,11 +17,8 @@ module number_range
   private
   public :: check_laws, check_values, check_distances
 
-  real(wp), parameter :: least_mass = 1.0e-14_wp    !! of an element over its body's: beside a lump it keeps two digits [-]
-  real(wp), parameter :: least_bending = 1.0e-20_wp !! of a slender element, of its axial stiffness [-]
-  real(wp), parameter :: least_radius = 1.0e-14_wp  !! of gyration, in sizes of the scene [-]
-  real(wp), parameter :: speed_of_light = 299792458.0_wp     !! [m/s]
-  real(wp), parameter :: farthest = 1.0e10_wp       !! a marker from a mass centre, in radii of gyration [-]
+  real(wp), parameter, public :: lost = 64*epsilon(1.0_wp)   !! a mass or length beside a larger one: fewer than two digits stay [-]
+  real(wp), parameter :: farthest = 1.0e10_wp   !! a marker from a mass centre, the end of an element, in radii of gyration [-]
 
 contains
 
@@ -62,7 +59,7 @@ contains
     if (value_refused('mass', b%mass, 'kg')) return
     if (value_refused('moment of inertia about its origin', b%i11, 'kg m2')) return
     if (r%kind == 'rigid' .or. .not. r%flexible) return
-    if (minval(b%elements%mass) < least_mass*b%mass) then
+    if (minval(b%elements%mass) < lost*b%mass) then
       call r%at%blame(faults, 'its masses are too uneven for double precision: an element of '// &
                   to_text(minval(b%elements%mass))//' kg in a body of '//to_text(b%mass)//' kg; expected at least 1e-14 of it')
       return
@@ -77,7 +74,7 @@ contains
         if (.not. r%axial) cycle
         if (value_refused('axial stiffness of an element', g%ea_l, 'N/m')) return
         if (value_refused('squared axial frequency of an element', g%ea_l/g%mass*instantaneous, 'rad2/s2')) return
-        if (g%ei_l >= least_bending*g%ea_l*g%length**2) cycle
+        if (g%ei_l >= g%ea_l*(g%length/farthest)**2) cycle
         call r%at%blame(faults, 'an element of '//to_text(g%length)//' m is too slender for double precision: its bending is '// &
                     'lost beside its stretch; expected at most 1e10 radii of gyration of its section (or axial=.false.)')
         return
@@ -115,7 +112,6 @@ contains
 
   !> Reports what rounding of positions and angles would hide:
   !> - inertias too small for the scene
-  !> - a time in which rounding of positions alone is as fast as light
   !> - forces whose accelerations are out of range
   !> - markers that rounding of an angle moves too far.
   subroutine check_distances(d, s, faults)
@@ -126,14 +122,9 @@ contains
     integer :: k
     do k = 1, size(s%bodies)
       radius = sqrt(s%bodies(k)%i11/s%bodies(k)%mass)
-      if (radius < least_radius*s%size) call d%bodies(k)%at%blame(faults, 'its radius of gyration, '//to_text(radius)// &
+      if (radius < lost*s%size) call d%bodies(k)%at%blame(faults, 'its radius of gyration, '//to_text(radius)// &
         ' m, is lost in rounding beside the size of the scene, '//to_text(s%size)//' m; expected at least 1e-14 of it')
     end do
-    associate (run => d%transient)
-      if (run%present .and. epsilon(1.0_wp)*s%size > speed_of_light*run%t_end) &
-        call faults%add(run%at%file, run%at%line, 'transient/t_end', to_text(run%t_end)//' s is too short: '// &
-                        'rounding of positions in that time would look faster than light; expected a longer time')
-    end associate
     do k = 1, size(d%forces)
       associate (f => d%forces(k))
         if (out_of_range(f%at, 'acceleration of its body', hypot(f%fx, f%fy)/s%bodies(f%marker%body)%mass, &

@@ -1,7 +1,7 @@
 !> What a cycle asks of the histories of loads, drives and controllers: that they repeat in its period, or do not depend on time where
 !> that is sought.
 module repeating_histories
-  use kinds, only: wp
+  use kinds, only: half_digits, wp
   use build_history, only: make_history
   use deck_origin, only: origin
   use deck_records, only: deck
@@ -15,7 +15,6 @@ module repeating_histories
   public :: check_repeating
 
   integer, parameter :: points = 64                !! in a period, at which values are compared
-  real(wp), parameter :: same = 1.0e-9_wp          !! a smaller difference is rounding, of the largest value [-]
 
 contains
 
@@ -53,7 +52,7 @@ contains
         if (d%periodic%free_period) then
           call c%at%blame(faults, 'sample='//to_text(c%sample)//' s beside a period that is sought, expected period in place '// &
                           'of period_guess, or no sample')
-        else if (abs(samples - anint(samples)) > same*samples) then
+        else if (abs(samples - anint(samples)) > half_digits*samples) then
           call c%at%blame(faults, 'the period of the cycle, '//to_text(d%periodic%period)//' s, has '// &
                           to_text(anint(1000*samples)/1000)//' samples, expected a whole number of them')
         end if
@@ -93,7 +92,7 @@ contains
       do k = 1, size(times)
         call h%evaluate(times(k), .false., now)
         call h%evaluate(times(k) + period, .false., later)
-        allowed = same*largest + 4*rounding_of(2*period)*maxval(abs([now(1:2), later(1:2)]))
+        allowed = half_digits*largest + 4*rounding_of(2*period)*maxval(abs([now(1:2), later(1:2)]))
         if (sought) then
           if (abs(now(i) - first(i)) <= allowed) cycle
           call at%blame(faults, 'history "'//trim(h%name)//'" depends on time, so that a cycle has its period: expected period '// &

@@ -2,13 +2,12 @@
 !> meet. The middle of the base layer is the node line. A layer turns with the section, r = v' - g~, or, where it is a core, by
 !> v' less its own shear angle g. So the middle of a layer moves along the axis by u - Z r + sum of a_j g_j.
 module layered_section
-  use kinds, only: wp
+  use kinds, only: half_digits, wp
   implicit none (type, external)
   private
   public :: set_up_section, shear_coefficient
 
   integer, parameter, public :: most_cores = 4   !! of a section: arrays of an element have this room
-  real(wp), parameter, public :: beside = 1.0e-9_wp   !! of a height: rounding [-]
 
   !> One layer.
   type, public :: section_layer
@@ -77,7 +76,7 @@ contains
   !> Whether bending stretches the node line or slides layers: the axial deformation cannot be left out.
   elemental logical function stretched(s)
     class(layered_section_model), intent(in) :: s
-    stretched = s%cores > 0 .or. abs(s%axis) > beside*sum(s%layers%thickness)
+    stretched = s%cores > 0 .or. abs(s%axis) > half_digits*sum(s%layers%thickness)
   end function stretched
 
   !> Cowper's shear coefficient (J. Appl. Mech. 33, 1966) of a shape; of another word than these a rectangle's.

@@ -197,7 +197,7 @@ contains
   !> S-bar q.
   pure function moment(self, q) result(p)
     class(shape_integrals), intent(in) :: self
-    real(wp), intent(in) :: q(:)       !! (nf) elastic coordinates or their rates [m, rad]
+    real(wp), intent(in), contiguous :: q(:)   !! (nf) elastic coordinates or their rates [m, rad]
     real(wp) :: p(2)                   !! [kg m]
     p = [dot_product(self%sbar(:, 1), q), dot_product(self%sbar(:, 2), q)]
   end function moment

@@ -52,7 +52,7 @@ contains
     logical, intent(in) :: stiffening, straight
     real(wp), intent(in) :: q(0:*)                  !! (0:nf) [m, rad]
     real(wp), intent(inout) :: d(*)                 !! (rows of all elements) [m, rad]
-    real(wp) :: a(6), psi, slope(2)
+    real(wp) :: a(6), psi, slope(2), x(most_coordinates)
     integer :: e, i
     do e = 1, ne
       associate (g => elements(e))
@@ -74,8 +74,11 @@ contains
           d(i + 1) = 0.5_wp*(a(3) + a(6)) - psi
         else
           associate (k => b%layers%kinds(b%layers%kind(e)))
-            call set_rows(size(k%stiffness), k%deformations, k%rows, &
-                          [a(4), a(3) - psi, a(6) - psi, q(b%edof(7:k%coordinates, e))], b%layers%row(1, e), d)
+            x(:3) = [a(4), a(3) - psi, a(6) - psi]
+            x(4:k%deformations) = q(b%edof(7:k%coordinates, e))
+            do i = 1, size(k%stiffness)
+              d(b%layers%row(i, e)) = dot_product(k%rows(i, :), x(:k%deformations))
+            end do
           end associate
         end if
       end associate
@@ -90,22 +93,6 @@ contains
     real(wp) :: slope(2)                            !! [rad]
     slope = [a(3), a(6)] - psi - g%softening*(0.5_wp*(a(3) + a(6)) - psi)
   end function end_slopes
-
-  !> Rows of an element from its deformations.
-  pure subroutine set_rows(rows, n, matrix, x, at, d)
-    integer, intent(in) :: rows, n
-    real(wp), intent(in) :: matrix(rows, n)         !! [-], [m]
-    real(wp), intent(in) :: x(n)                    !! [m, rad]
-    integer, intent(in) :: at(rows)                 !! places of the rows
-    real(wp), intent(inout) :: d(*)                 !! [m, rad]
-    real(wp) :: y(rows)
-    integer :: j
-    y = 0.0_wp
-    do j = 1, n
-      y = y + matrix(:, j)*x(j)
-    end do
-    d(at) = y
-  end subroutine set_rows
 
   !> Turns the displacements of an element from body axes into element axes.
   pure subroutine to_element(c, s, a)
@@ -159,8 +146,10 @@ contains
           h(3) = y(3) + y(2)
         else
           associate (k => b%layers%kinds(b%layers%kind(e)))
-            call element_forces(k%deformations, size(k%stiffness), k%force, b%layers%row(1, e), ds, h)
-            h(:k%deformations) = factor*h(:k%deformations)
+            h(:k%deformations) = 0.0_wp
+            do i = 1, size(k%stiffness)
+              h(:k%deformations) = h(:k%deformations) + k%force(:, i)*(factor*ds(b%layers%row(i, e)))
+            end do
             do i = 7, k%coordinates
               f(b%edof(i, e)) = f(b%edof(i, e)) + h(i - 3)
             end do
@@ -187,20 +176,6 @@ contains
     end do
   end subroutine add_elements
 
-  !> Forces conjugate to an element's deformations.
-  pure subroutine element_forces(n, rows, matrix, at, ds, h)
-    integer, intent(in) :: n, rows
-    real(wp), intent(in) :: matrix(n, rows)         !! [N/m], [N], [N m]
-    integer, intent(in) :: at(rows)                 !! places of the rows
-    real(wp), intent(in) :: ds(*)                   !! [m, rad]
-    real(wp), intent(out) :: h(n)                   !! [N, N m]
-    integer :: i
-    h = 0.0_wp
-    do i = 1, rows
-      h = h + matrix(:, i)*ds(at(i))
-    end do
-  end subroutine element_forces
-
   !> m_ff^-1 x and m_ff^-1 y by the band factor of m_ff.
   pure subroutine solve_mass(self, n, work, x, y)
     class(nodal_model), intent(in) :: self
@@ -223,8 +198,9 @@ contains
     real(wp), intent(in), contiguous, optional :: d(:, :)   !! (1, rows of all elements) [m, rad]
     real(wp) :: parts(3)                            !! [J]
     real(wp), allocatable :: x(:, :)                ! [m, rad]
-    real(wp) :: axial                               ! force, then twice its energy [N], [J]
-    integer :: e, i, part, rest
+    real(wp) :: force, axial, all, slip, one        ! [N], twice energies [J]
+    logical :: slides                               ! where layers slip, their stretch counts with the slip
+    integer :: e, i
     if (.not. present(d)) then
       allocate (x(1, self%columns))
       call element_rows(b, b%ne, b%elements, self%at, .false., self%straight, [0.0_wp, q], x)
@@ -233,17 +209,29 @@ contains
     end if
     parts = 0.0_wp
     do e = 1, b%ne
-      associate (kind => b%layers%kinds(b%layers%kind(e)), row => b%layers%row(:, e))
-        rest = merge(3, 2, kind%coordinates > 6)     ! where layers slip, their stretch counts with the slip
-        axial = 0.0_wp
+      associate (g => b%elements(e), kind => b%layers%kinds(b%layers%kind(e)), row => b%layers%row(:, e))
+        if (g%turn_l > 0.0_wp) then                  ! rows as in element_rows
+          i = self%at(0, e)
+          if (b%axial) then
+            parts(1) = parts(1) + g%ea_l*d(1, i)**2
+            i = i + 1
+          end if
+          parts(2) = parts(2) + g%ei_l*d(1, i)**2 + g%turn_l*d(1, i + 1)**2
+          cycle
+        end if
+        slides = kind%coordinates > 6
+        force = 0.0_wp
+        all = 0.0_wp
+        slip = 0.0_wp
         do i = 1, size(kind%stiffness)
-          axial = axial + kind%force(1, i)*d(1, row(i))
-          part = merge(rest, 2, kind%shear(i) .or. .not. kind%angle(i))
-          parts(part) = parts(part) + kind%stiffness(i)*d(1, row(i))**2
+          one = kind%stiffness(i)*d(1, row(i))**2
+          force = force + kind%force(1, i)*d(1, row(i))
+          all = all + one
+          if (slides .and. (kind%shear(i) .or. .not. kind%angle(i))) slip = slip + one
         end do
-        axial = axial**2/b%elements(e)%ea_l
-        parts(1) = parts(1) + axial
-        parts(rest) = parts(rest) - axial
+        axial = force**2/g%ea_l
+        if (slides) slip = slip - axial
+        parts = parts + [axial, all - axial - slip, slip]
       end associate
     end do
   end function strain_parts

@@ -25,22 +25,15 @@ contains
     class(viscoelastic_segment), intent(in) :: self
     integer, intent(in) :: n
     real(wp), intent(in) :: x(n), y(n)        !! deformations, internal variables or their rates [m, rad, ...]
+    integer :: j
     if (allocated(self%stiffness)) then
-      total = of_modes(n, self%stiffness, x, y)
+      total = 0.0_wp
+      do j = 1, n
+        total = total + y(j)*dot_product(self%stiffness(:, j), x)
+      end do
     else
       total = sum(self%diagonal*x*y)
     end if
   end function segment_product
 
-  !> x^T D y of modal amplitudes.
-  pure real(wp) function of_modes(n, stiffness, x, y) result(total)   ! [J]
-    integer, intent(in) :: n
-    real(wp), intent(in) :: stiffness(n, n)   !! [rad2/s2]
-    real(wp), intent(in) :: x(n), y(n)        !! [m kg^1/2]
-    integer :: j
-    total = 0.0_wp
-    do j = 1, n
-      total = total + y(j)*dot_product(stiffness(:, j), x)
-    end do
-  end function of_modes
 end module segment_model

@@ -5,7 +5,7 @@
 !>
 !> so that all methods, the linearisation and the transfer function read the same coefficients. What is sampled changes at samples.
 module controller
-  use kinds, only: wp
+  use kinds, only: half_digits, wp
   use history, only: breakpoint, history_model
   use marker, only: marker_states
   use measure, only: measure_model, measured
@@ -184,7 +184,7 @@ contains
     real(wp), intent(in) :: w(:)              !! (states + 5) [any]
     real(wp) :: demand, slack
     demand = dot_product(self%demand, w)
-    slack = 1.0e-9_wp*maxval(abs(self%demand*w))
+    slack = half_digits*maxval(abs(self%demand*w))
     yes = demand > self%upper + slack .or. demand < self%lower - slack
   end function is_beyond
 

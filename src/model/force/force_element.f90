@@ -61,6 +61,7 @@ module force_element
     integer :: switch_number = 0          !! its number among the elements that switch
     integer :: row = 0                    !! its own constraint row; 0: it has none
     class(measure_model), allocatable :: measure  !! its deformation, or what a stop limits; loads have none
+    integer :: stage = stage_all          !! the analyses in which it acts
     integer :: motions = 0                !! number of motions that its force follows beside those of its markers
     type(measure_box), allocatable :: arguments(:) !! these motions
   contains
@@ -69,7 +70,7 @@ module force_element
     procedure :: tangent => no_tangent
     procedure :: components => acting_components  !! of the markers (1 to 3 of a, 4 to 6 of b) that the tangent joins
     procedure :: rate_components => damped_components !! of them, those whose rates it sees
-    procedure :: slope => no_slope                !! derivative of the wrenches by an argument
+    procedure, non_overridable :: slope           !! derivative of the wrenches by an argument
     procedure :: argument_tangent                 !! the tangent by the motion of an argument's markers
     procedure :: signal => no_signal              !! what an element that only watches gives to factors
     procedure :: unit_wrench => no_wrench         !! wrench on a for a unit of the history that scales it
@@ -173,14 +174,17 @@ contains
     list = pack(self%components(), self%damping > 0.0_wp)
   end function damped_components
 
-  !> Most elements follow nothing.
-  pure function no_slope(self, p, with) result(w)
+  !> How the wrench grows with an argument; where no load acts and the question is what holds at all, that of a unit load factor.
+  pure function slope(self, p, with) result(w)
     class(force_model), intent(in) :: self
     type(marker_states), intent(in) :: p
     type(conditions), intent(in) :: with
     real(wp) :: w(6)                        !! on markers a and b [N, N m] over the argument's unit
     w = 0.0_wp
-  end function no_slope
+    if (self%stage /= stage_all .and. self%stage /= with%stage) return
+    w(1:3) = with%slopes(1)*self%unit_wrench(p, with)
+    if (self%controller > 0 .or. with%load_factor > 0.0_wp) w = with%load_factor*w
+  end function slope
 
   !> Minus the derivatives of the wrenches on a and b (rows) by the places and rates of the argument's markers (columns).
   pure subroutine argument_tangent(self, p, with, j, k)
@@ -249,12 +253,16 @@ contains
     real(wp), intent(inout) :: z(*)         !! (nz) all internal variables [m, rad]
   end subroutine keep_coordinates
 
-  !> The datum of its measure.
+  !> The datum of its measure, and those of the motions that it follows.
   subroutine init_from_assembly(self, p, gap)
     class(force_model), intent(inout) :: self
     type(marker_states), intent(in) :: p
     real(wp), intent(in) :: gap             !! distance up to which markers coincide [m]
+    integer :: k
     if (allocated(self%measure)) call self%measure%init_from_assembly(p, gap)
+    do k = 1, self%motions
+      call self%arguments(k)%item%init_from_assembly(p, gap)
+    end do
   end subroutine init_from_assembly
 
   !> Most elements can act wherever their markers are.

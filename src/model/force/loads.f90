@@ -17,15 +17,12 @@ module loads
     logical :: central = .false.                  !! the torque is about a centre, and acts by a force on its marker across the arm
     real(wp) :: centre(2) = 0.0_wp                !! global [m]
     class(history_model), allocatable :: history   !! of time; not allocated: none
-    integer :: stage = stage_all                  !! the analyses in which it acts
   contains
     procedure :: act => load_act
     procedure :: tangent => load_tangent
     procedure :: components => load_components
     procedure :: unit_wrench => load_wrench
     procedure :: breakpoints => load_breakpoints
-    procedure :: slope => load_slope
-    procedure :: init_from_assembly => load_from_assembly
     procedure :: check => needs_arm
     procedure :: present_factor
   end type load_model
@@ -46,29 +43,6 @@ contains
     call self%history%evaluate(with%t, with%left_limit, h)
     s = h(0)*with%load_factor
   end function present_factor
-
-  !> How the wrench grows with an argument; where no load acts and the question is what holds at all, that of a unit load factor.
-  pure function load_slope(self, p, with) result(w)
-    class(load_model), intent(in) :: self
-    type(marker_states), intent(in) :: p
-    type(conditions), intent(in) :: with
-    real(wp) :: w(6)                       !! [N, N m] over the argument's unit
-    w = 0.0_wp
-    if (self%stage /= stage_all .and. self%stage /= with%stage) return
-    w(1:3) = with%slopes(1)*self%unit_wrench(p, with)
-    if (self%controller > 0 .or. with%load_factor > 0.0_wp) w = with%load_factor*w
-  end function load_slope
-
-  !> The free lengths of springs whose deformations it follows.
-  subroutine load_from_assembly(self, p, gap)
-    class(load_model), intent(inout) :: self
-    type(marker_states), intent(in) :: p
-    real(wp), intent(in) :: gap            !! distance up to which markers coincide [m]
-    integer :: k
-    do k = 1, self%motions
-      call self%arguments(k)%item%init_from_assembly(p, gap)
-    end do
-  end subroutine load_from_assembly
 
   !> The wrench and the power that it puts in.
   pure subroutine load_act(self, p, with, z, zd, zdd, x)
@@ -130,6 +104,7 @@ contains
     type(conditions), intent(in) :: with
     real(wp) :: w(3), arm(2)               !! [N, N m]
     w = [self%f, self%moment]
+    if (self%acts(3)) return               ! a plain torque
     if (self%in_frame) w(1:2) = with%axes(1)*self%f + with%axes(2)*turn(self%f)
     if (self%in_section) w(1:2) = cos(p%angle(self%ia))*self%f + sin(p%angle(self%ia))*turn(self%f)
     if (.not. self%central) return

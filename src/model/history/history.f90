@@ -5,8 +5,7 @@ module history
   use step_counts, only: rounding_of
   implicit none (type, external)
   private
-  public :: history_model, history_box, breakpoint, drive_values, evaluate_shifted, reached, merged, breakpoint_order, &
-    locate, steepest
+  public :: history_model, history_box, breakpoint, drive_values, reached, merged, breakpoint_order, locate
 
   real(wp), parameter :: negligible = 1.0e-6_wp   !! a jump smaller than this share of the history's size is rounding [-]
 
@@ -180,20 +179,6 @@ contains
     logical, intent(in) :: left_limit   !! limit from below
     yes = merge(t - at >= rounding_of(max(abs(t), abs(at))), at - t <= rounding_of(max(abs(t), abs(at))), left_limit)
   end function reached
-
-  !> A history in a time of its own. This time is the difference of two times and has their rounding errors: it may lie on the wrong
-  !> side of a breakpoint. So the history is evaluated a little before (left limit) or after, and taken back to t by its slopes.
-  pure recursive subroutine evaluate_shifted(part, t, slack, left_limit, h)
-    class(history_model), intent(in) :: part
-    real(wp), intent(in) :: t           !! in the part's own time [s]
-    real(wp), intent(in) :: slack       !! what t may be off by [s]
-    logical, intent(in) :: left_limit   !! limit from below
-    real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
-    real(wp) :: shift
-    shift = merge(-slack, slack, left_limit)
-    call part%evaluate(t + shift, left_limit, h)
-    h(:1) = h(:1) - shift*h(0:)
-  end subroutine evaluate_shifted
 
   !> The interval in which a time lies, and how far into it; 0: before the first, size(begins): after the last one. Of a period it
   !> is one of those within, whatever rounding says.

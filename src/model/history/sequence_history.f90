@@ -1,7 +1,7 @@
 !> Histories one after another, each in a time of its own that begins when the one before ends.
 module sequence_history
   use kinds, only: wp, ip
-  use history, only: history_model, history_box, breakpoint, breakpoint_order, evaluate_shifted, locate, merged
+  use history, only: history_model, history_box, breakpoint, breakpoint_order, locate, merged
   use step_counts, only: rounding_of
   implicit none (type, external)
   private
@@ -64,23 +64,26 @@ contains
     end do
   end subroutine set_sequence
 
-  !> Those of the part that counts, its antiderivative moved to where the part before ends.
+  !> Those of the part that counts, its antiderivative moved to where the part before ends. The part's own time is a difference of
+  !> two, and may lie on the wrong side of a breakpoint: the part is evaluated a little beside and taken back by its slopes.
   pure recursive subroutine sequence_value(self, t, left_limit, h)
     class(sequence_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
-    real(wp) :: x
+    real(wp) :: x, shift                ! [s]
     integer(ip) :: turn
     integer :: k
-    call locate(self%begins, self%period, t, merge(-1, 1, left_limit)*rounding_of(t), turn, k, x)
+    shift = merge(-1, 1, left_limit)*rounding_of(t)
+    call locate(self%begins, self%period, t, shift, turn, k, x)
     if (k < 1) then
       h = self%outside(1)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
     else if (k > size(self%parts)) then
       h = self%outside(2)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
       h(-1) = h(-1) + self%area(k)
     else
-      call evaluate_shifted(self%parts(k)%item, x, 2*rounding_of(t), left_limit, h)
+      call self%parts(k)%item%evaluate(x + 2*shift, left_limit, h)
+      h(:1) = h(:1) - 2*shift*h(0:)
       h(-1) = h(-1) + self%area(k) + turn*self%area(size(self%area))
     end if
   end subroutine sequence_value

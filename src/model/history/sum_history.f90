@@ -1,22 +1,34 @@
-!> A weighted sum of other histories.
+!> Weighted sums and products of other histories.
 module sum_history
   use kinds, only: wp
   use history, only: history_model, history_box, breakpoint, breakpoint_order, merged
   implicit none (type, external)
   private
 
-  !> The sum of factor times history.
-  type, extends(history_model), public :: sum_model
+  !> What is made of other histories; its corners are theirs.
+  type, abstract, extends(history_model), public :: compound_model
     type(history_box), allocatable :: parts(:)
+  contains
+    procedure :: breakpoints => all_breakpoints
+    procedure :: lowest_order => order_of_parts
+    procedure :: keep_corners => keep_all_corners
+    procedure :: next_corner => nearest_corner
+  end type compound_model
+
+  !> The sum of factor times history.
+  type, extends(compound_model), public :: sum_model
     real(wp), allocatable :: factors(:)      !! [-]
   contains
     procedure :: evaluate => sum_value
     procedure :: breakpoints => sum_breakpoints
-    procedure :: lowest_order => sum_order
-    procedure :: keep_corners => keep_all_corners
-    procedure :: next_corner => nearest_corner
     procedure :: steepest => steepest_sum
   end type sum_model
+
+  !> The product of the parts.
+  type, extends(compound_model), public :: product_model
+  contains
+    procedure :: evaluate => product_value
+  end type product_model
 
 contains
 
@@ -35,17 +47,41 @@ contains
     end do
   end subroutine sum_value
 
-  !> Breakpoints of all parts; where two of them cancel, what is left of them.
+  !> By the rule of products. There is no antiderivative in closed form: drives by a rate, which need one, do not take a product.
+  pure recursive subroutine product_value(self, t, left_limit, h)
+    class(product_model), intent(in) :: self
+    real(wp), intent(in) :: t           !! [s]
+    logical, intent(in) :: left_limit   !! limit from below
+    real(wp), intent(out) :: h(-1:2)    !! [unit s] 0, [unit, unit/s, unit/s2]
+    real(wp) :: g(-1:2)
+    integer :: k
+    h = [0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp]
+    do k = 1, size(self%parts)
+      call self%parts(k)%item%evaluate(t, left_limit, g)
+      h(0:) = [h(0)*g(0), h(1)*g(0) + h(0)*g(1), h(2)*g(0) + 2*h(1)*g(1) + h(0)*g(2)]
+    end do
+  end subroutine product_value
+
+  !> Breakpoints of all parts.
+  pure recursive function all_breakpoints(self, until) result(list)
+    class(compound_model), intent(in) :: self
+    real(wp), intent(in) :: until       !! [s]
+    type(breakpoint), allocatable :: list(:)
+    integer :: k
+    allocate (list(0))
+    do k = 1, size(self%parts)
+      list = merged(list, self%parts(k)%item%breakpoints(until))
+    end do
+  end function all_breakpoints
+
+  !> The same; where two of them cancel, what is left of them.
   pure recursive function sum_breakpoints(self, until) result(list)
     class(sum_model), intent(in) :: self
     real(wp), intent(in) :: until       !! [s]
     type(breakpoint), allocatable :: list(:)
     real(wp), dimension(-1:2) :: before, after, one, other, most
     integer :: i, k
-    allocate (list(0))
-    do k = 1, size(self%parts)
-      list = merged(list, self%parts(k)%item%breakpoints(until))
-    end do
+    list = all_breakpoints(self, until)
     do i = 1, size(list)
       before = 0.0_wp
       after = 0.0_wp
@@ -62,15 +98,15 @@ contains
   end function sum_breakpoints
 
   !> The lowest one of all parts.
-  pure recursive integer function sum_order(self) result(order)
-    class(sum_model), intent(in) :: self
+  pure recursive integer function order_of_parts(self) result(order)
+    class(compound_model), intent(in) :: self
     integer :: k
     order = minval([(self%parts(k)%item%lowest_order(), k=1, size(self%parts))])
-  end function sum_order
+  end function order_of_parts
 
   !> Corners are those of the parts.
   recursive subroutine keep_all_corners(self, most_order)
-    class(sum_model), intent(inout) :: self
+    class(compound_model), intent(inout) :: self
     integer, intent(in) :: most_order
     integer :: k
     do k = 1, size(self%parts)
@@ -80,7 +116,7 @@ contains
 
   !> The nearest one of all parts.
   pure recursive real(wp) function nearest_corner(self, t, above) result(corner)   ! [s]
-    class(sum_model), intent(in) :: self
+    class(compound_model), intent(in) :: self
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: above
     integer :: k

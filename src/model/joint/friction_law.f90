@@ -29,7 +29,7 @@ module friction_law
     integer :: element = 0                !! of a stop: its number among the force elements
   contains
     procedure :: force_slope
-    procedure :: sticking_limit
+    procedure :: limit
     procedure :: share
     procedure :: pads
     procedure :: pad_signs
@@ -65,11 +65,11 @@ contains
     real(wp), intent(in) :: pressed       !! force of its stop [N]
     real(wp), intent(in), optional :: event_value   !! holds those signs [-]
     f = 0.0_wp
-    if (abs(state) == row_slips) f = sign(1, state)*limit_of(law, .false., lambda, pressed)
+    if (abs(state) == row_slips) f = sign(1, state)*law%limit(.false., lambda, pressed)
     if (abs(state) == row_slips .and. present(event_value)) then
       f = f + sign(law%kinetic, real(state, wp))*sum(law%pads(lambda)*law%pad_signs(event_value) - abs(law%pads(lambda)))
     end if
-    if (abs(state) == row_at_limit) f = sign(1, state)*limit_of(law, .true., lambda, pressed)
+    if (abs(state) == row_at_limit) f = sign(1, state)*law%limit(.true., lambda, pressed)
   end function force_of
 
   !> Derivatives of that force by the joint's multipliers; what they are 0 for is 0.
@@ -101,22 +101,14 @@ contains
   end function force_slope
 
   !> Largest tangential force of surfaces that stick or slip; of a pin the moment over the size.
-  pure real(wp) function limit_of(law, stick, lambda, pressed) result(c)   ! [N]
-    type(coulomb_law), intent(in) :: law
+  pure real(wp) function limit(law, stick, lambda, pressed) result(c)   ! [N]
+    class(coulomb_law), intent(in) :: law
     logical, intent(in) :: stick
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
     real(wp), intent(in) :: pressed       !! force of its stop [N]
     c = merge(law%static_preload, law%preload, stick)/merge(law%size, 1.0_wp, law%contact == on_pin) + &
         merge(law%static, law%kinetic, stick)*(pressure_of(law, lambda) + pressed)
-  end function limit_of
-
-  !> Up to which force it sticks.
-  pure real(wp) function sticking_limit(self, lambda, pressed) result(c)   ! [N]
-    class(coulomb_law), intent(in) :: self
-    real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
-    real(wp), intent(in) :: pressed       !! force of its stop [N]
-    c = limit_of(self, .true., lambda, pressed)
-  end function sticking_limit
+  end function limit
 
   !> What the coefficient of friction multiplies of multipliers; of a pin times the radius over the size.
   pure real(wp) function pressure_of(law, lambda) result(pressure)   ! [N]
@@ -169,7 +161,7 @@ contains
     share = merge(1.0_wp, 0.0_wp, abs(lambda(self%row)) > 0.0_wp)
     if (abs(state) == row_slips) return
     associate (force => abs(lambda(self%row)))
-      share = force/max(self%sticking_limit(lambda, pressed), epsilon(1.0_wp)*force, tiny(1.0_wp))   ! a stop may have just parted
+      share = force/max(self%limit(.true., lambda, pressed), epsilon(1.0_wp)*force, tiny(1.0_wp))   ! a stop may have just parted
     end associate
   end function share
 end module friction_law

@@ -35,7 +35,7 @@ contains
     real(wp), intent(in) :: lambda(:)     !! multipliers of all rows [N]
     real(wp), intent(in) :: pressed       !! force of its stop [N]
     real(wp) :: bounds(2)                 ! [N]
-    bounds = [-1, 1]*self%law%sticking_limit(lambda, pressed)
+    bounds = [-1, 1]*self%law%limit(.true., lambda, pressed)
   end function static_limit
 
   !> Sticking: what is left to the static limit. Slipping: the speed, and the normal forces, at whose change of sign the limit has a
@@ -51,7 +51,7 @@ contains
     noise = now%noise/now%compliance
     select case (abs(now%state))
     case (row_stuck)
-      c = self%law%sticking_limit(lambda, now%pressed)
+      c = self%law%limit(.true., lambda, now%pressed)
       watched%g(1) = c*(1 + resting) - abs(lambda(self%first))
       watched%rate(1) = huge(1.0_wp)
       watched%zero(1) = root_rounding*c + noise

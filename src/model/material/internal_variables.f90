@@ -50,59 +50,41 @@ contains
     real(wp), intent(inout) :: ds(n)          !! [m, rad]
     integer, intent(in) :: apart              !! 1: the power of each term apart, 0: of all together
     real(wp), intent(inout) :: power(*)       !! [W]
+    real(wp) :: lost                          ! over weight and viscosity [J/s2]
     integer :: k, o, i
-    associate (law => self%law, m => self%law%second, first => self%law%first)
-      do k = 1, m
-        o = self%offset + (k - 1)*n + 1
-        call follow_with_inertia(n, law%alpha(k), law%viscosity(k), law%inertia(k), d, z(o), zd(o), zdd(o), ds)
+    associate (law => self%law, m => self%law%second)
+      do k = 1, m + law%first
+        if (k <= m) then
+          o = self%offset + (k - 1)*n + 1
+          call follow_term(n, law%alpha(k), 1/law%inertia(k), law%viscosity(k)/law%inertia(k), d, z(o), zd(o), zdd(o), ds)
+          lost = self%product(n, zd(o), zd(o))
+        else
+          o = self%first_order + (k - m - 1)*n + 1
+          call follow_term(n, law%alpha(k), 1/law%viscosity(k), 0.0_wp, d, z(o), z(o), zdd(o), ds)
+          lost = self%product(n, zdd(o), zdd(o))
+        end if
         i = 1 + apart*(k - 1)
-        power(i) = power(i) + law%alpha(k)*law%viscosity(k)*self%product(n, zd(o), zd(o))
-      end do
-      do k = m + 1, m + first
-        o = self%first_order + (k - m - 1)*n + 1
-        call follow_without(n, law%alpha(k), law%viscosity(k), d, z(o), zdd(o), ds)
-        i = 1 + apart*(k - 1)
-        power(i) = power(i) + law%alpha(k)*law%viscosity(k)*self%product(n, zdd(o), zdd(o))
+        power(i) = power(i) + law%alpha(k)*law%viscosity(k)*lost
       end do
     end associate
   end subroutine follow
 
-  !> One term of second order: inertia z'' + viscosity z' + z = d.
-  pure subroutine follow_with_inertia(n, alpha, viscosity, inertia, d, z, zd, zdd, ds)
+  !> One term: its highest derivative is stiff (d - z) - damped z'.
+  pure subroutine follow_term(n, alpha, stiff, damped, d, z, zd, zdd, ds)
     integer, intent(in) :: n
     real(wp), intent(in) :: alpha             !! [-]
-    real(wp), intent(in) :: viscosity         !! [s]
-    real(wp), intent(in) :: inertia           !! [s2]
+    real(wp), intent(in) :: stiff             !! [1/s2]; of first order [1/s]
+    real(wp), intent(in) :: damped            !! [1/s]; of first order 0
     real(wp), intent(in) :: d(n), z(n)        !! [m, rad]
-    real(wp), intent(in) :: zd(n)             !! [m/s, rad/s]
-    real(wp), intent(inout) :: zdd(n)         !! [m/s2, rad/s2]
+    real(wp), intent(in) :: zd(n)             !! [m/s, rad/s]; of first order anything
+    real(wp), intent(inout) :: zdd(n)         !! [m/s2, rad/s2], [m/s, rad/s]
     real(wp), intent(inout) :: ds(n)          !! [m, rad]
-    real(wp) :: w2, two_zw                    ! [1/s2], [1/s]
     integer :: i
-    w2 = 1/inertia
-    two_zw = viscosity*w2
     do i = 1, n
-      zdd(i) = w2*(d(i) - z(i)) - two_zw*zd(i)
+      zdd(i) = stiff*(d(i) - z(i)) - damped*zd(i)
       ds(i) = ds(i) + alpha*(d(i) - z(i))
     end do
-  end subroutine follow_with_inertia
-
-  !> One of first order, viscosity z' + z = d.
-  pure subroutine follow_without(n, alpha, viscosity, d, z, zd, ds)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: alpha             !! [-]
-    real(wp), intent(in) :: viscosity         !! [s]
-    real(wp), intent(in) :: d(n), z(n)        !! [m, rad]
-    real(wp), intent(inout) :: zd(n)          !! [m/s, rad/s]
-    real(wp), intent(inout) :: ds(n)          !! [m, rad]
-    real(wp) :: rate                          ! [1/s]
-    integer :: i
-    rate = 1/viscosity
-    do i = 1, n
-      zd(i) = rate*(d(i) - z(i))
-      ds(i) = ds(i) + alpha*(d(i) - z(i))
-    end do
-  end subroutine follow_without
+  end subroutine follow_term
 
   !> Energy stored beside that of the static stiffness, alpha/2 ((d - z)^T D (d - z) + inertia z'^T D z') of every term [J].
   pure real(wp) function stored(self, n, d, z, zd) result(energy)

@@ -33,13 +33,9 @@ contains
   pure function ratio(self, s) result(g)
     class(viscoelastic_terms), intent(in) :: self
     complex(wp), intent(in) :: s               !! [1/s]
-    complex(wp) :: g, a
-    integer :: k
-    g = 0.0_wp
-    do k = 1, size(self%alpha)
-      a = s*(self%viscosity(k) + self%inertia(k)*s)
-      g = g + self%alpha(k)*a/(1 + a)
-    end do
+    complex(wp) :: g, a(size(self%alpha))
+    a = s*(self%viscosity + self%inertia*s)
+    g = sum(self%alpha*a/(1 + a))
   end function ratio
 
   !> Whether a term has a pole at s: the law has no value there.
@@ -53,13 +49,8 @@ contains
   pure function slope(self, s) result(g)
     class(viscoelastic_terms), intent(in) :: self
     complex(wp), intent(in) :: s               !! [1/s]
-    complex(wp) :: g, a
-    integer :: k
-    g = 0.0_wp
-    do k = 1, size(self%alpha)
-      a = s*(self%viscosity(k) + self%inertia(k)*s)
-      g = g + self%alpha(k)*(self%viscosity(k) + 2*self%inertia(k)*s)/(1 + a)**2
-    end do
+    complex(wp) :: g
+    g = sum(self%alpha*(self%viscosity + 2*self%inertia*s)/(1 + s*(self%viscosity + self%inertia*s))**2)
   end function slope
 
   !> Poles of the terms themselves, those of z where the deformation is fixed: of each term the fast one, then of terms of

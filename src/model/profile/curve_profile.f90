@@ -3,7 +3,7 @@
 !> so that trials of steps and restarts meet the same one: the curve is cut into arcs, each within a circle; only arcs whose circles
 !> come nearer than the best place are searched, by Newton's method within brackets (theory.md, section 17).
 module curve_profile
-  use kinds, only: wp, pi
+  use kinds, only: half_digits, pi, wp
   use marker, only: turn
   use profile, only: no_piece, profile_foot, profile_model, profile_reach, profile_way
   implicit none (type, external)
@@ -14,7 +14,7 @@ module curve_profile
                                               0.4530899229693320_wp]   !! of Gauss, between 0 and 1 [-]
   real(wp), parameter :: weights(5) = [0.1184634425280945_wp, 0.2393143352496832_wp, 0.2844444444444444_wp, &
                                        0.2393143352496832_wp, 0.1184634425280945_wp]   !! [-]
-  real(wp), parameter :: apart = 1.0e-5_wp   !! places for a difference quotient, of the curve [-]
+  real(wp), parameter :: apart = epsilon(1.0_wp)**(1.0_wp/3)   !! places for a difference quotient, of the curve [-]
   integer, parameter :: most_trials = 100    !! each second one at least halves the bracket
 
   !> A place of the curve.
@@ -27,7 +27,6 @@ module curve_profile
   end type curve_place
 
   integer, parameter, public :: flaw_undercut = 1, flaw_concave = 2, flaw_hollow = 3, flaw_double = 4
-  real(wp), parameter :: same = 1.0e-9_wp    !! distances so near are one, of the profile's size [-]
 
   !> What is told of a pair before it runs.
   type, public :: pair_limits
@@ -45,9 +44,8 @@ module curve_profile
     type(curve_place), allocatable :: ends(:)      !! (0:arcs) of the arcs
     real(wp), allocatable :: middle(:, :)    !! (2, arcs) of circles about them [m]
     real(wp), allocatable :: radius(:)       !! (arcs) of these [m]
-    real(wp), allocatable :: mark(:)         !! (0:) some u, also where the law has corners [any]
-    real(wp), allocatable :: length(:)       !! (0:) of the curve up to these [m]
-    real(wp), allocatable :: angle(:)        !! (0:) of the normal there, without jumps [rad]
+    real(wp), allocatable :: length(:)       !! (0:arcs) of the curve up to these [m]
+    real(wp), allocatable :: angle(:)        !! (0:arcs) of the normal there, without jumps [rad]
   contains
     procedure(place_at), deferred :: at
     procedure :: nearest => nearest_of_arcs
@@ -55,7 +53,6 @@ module curve_profile
     procedure :: way => way_along
     procedure :: outline => curve_outline
     procedure :: cut
-    procedure :: set_marks
     procedure :: examine
   end type curve_model
 
@@ -71,7 +68,7 @@ module curve_profile
 
 contains
 
-  !> Cuts the curve at some u. Samples are so near that what lies between is within the distance of two.
+  !> Cuts the curve at some u, between which it is smooth. Samples are so near that what lies between is within the distance of two.
   subroutine cut(self, u)
     class(curve_model), intent(inout) :: self
     real(wp), intent(in) :: u(0:)            !! ascending, from the beginning to the end [any]
@@ -79,7 +76,10 @@ contains
     real(wp) :: c(2, 0:samples)              ! [m]
     integer :: i, k
     allocate (self%ends(0:size(u) - 1), self%middle(2, size(u) - 1), self%radius(size(u) - 1))
-    self%ends(0) = self%at(u(0), no_piece)
+    allocate (self%length(0:size(u) - 1), self%angle(0:size(u) - 1), source=0.0_wp)
+    q = self%at(u(0), no_piece)
+    self%ends(0) = q
+    self%angle(0) = atan2(q%n(2), q%n(1))
     do i = 1, size(u) - 1
       do k = 0, samples
         q = self%at(u(i - 1) + (u(i) - u(i - 1))*k/samples, no_piece)
@@ -89,6 +89,8 @@ contains
       self%middle(:, i) = 0.5_wp*(maxval(c, 2) + minval(c, 2))
       self%radius(i) = maxval(norm2(c - spread(self%middle(:, i), 2, samples + 1), 1)) &
                        + maxval(norm2(c(:, 1:) - c(:, :samples - 1), 1))
+      self%length(i) = self%length(i - 1) + length_between(self, u(i - 1), u(i), no_piece)
+      self%angle(i) = self%angle(i - 1) + turned(self%ends(i - 1)%n, q%n)
     end do
   end subroutine cut
 
@@ -112,24 +114,6 @@ contains
     turned = atan2(n1(1)*n2(2) - n1(2)*n2(1), dot_product(n1, n2))
   end function turned
 
-  !> Lengths and normals at places between which the curve is smooth.
-  subroutine set_marks(self, u)
-    class(curve_model), intent(inout) :: self
-    real(wp), intent(in) :: u(0:)            !! ascending, from the beginning to the end [any]
-    type(curve_place) :: before, next
-    integer :: i
-    allocate (self%mark(0:ubound(u, 1)), source=u)
-    allocate (self%length(0:ubound(u, 1)), self%angle(0:ubound(u, 1)), source=0.0_wp)
-    next = self%at(u(0), no_piece)
-    self%angle(0) = atan2(next%n(2), next%n(1))
-    do i = 1, ubound(u, 1)
-      before = next
-      next = self%at(u(i), no_piece)
-      self%length(i) = self%length(i - 1) + length_between(self, u(i - 1), u(i), no_piece)
-      self%angle(i) = self%angle(i - 1) + turned(before%n, next%n)
-    end do
-  end subroutine set_marks
-
   !> The way up to a place, that beyond an end of an open curve straight on. The curvature's change is a difference of two places.
   pure type(profile_way) function way_along(self, angle, n, piece) result(way)
     class(curve_model), intent(in) :: self
@@ -139,15 +123,14 @@ contains
     type(curve_place) :: q(2)
     real(wp) :: u, v, near(2), bends(2), speed   ! [any], [any], [any], [1/m], of the profile [m/any]
     integer :: k, last
-    last = ubound(self%mark, 1)
+    last = size(self%radius)
     u = self%sense*angle
-    associate (mark => self%mark, whole => self%mark(last))
+    associate (whole => self%ends(last)%u)
       v = min(max(u, 0.0_wp), whole)
       if (self%closed) v = modulo(u, whole)
-      k = max(1, min(last, count(mark <= v)))
-      q(1) = self%at(mark(k - 1), no_piece)
-      way%angle = self%angle(k - 1) + turned(q(1)%n, n)
-      way%length = self%length(k - 1) + length_between(self, mark(k - 1), v, piece) - self%inset*way%angle
+      k = max(1, min(last, count(self%ends%u <= v)))
+      way%angle = self%angle(k - 1) + turned(self%ends(k - 1)%n, n)
+      way%length = self%length(k - 1) + length_between(self, self%ends(k - 1)%u, v, piece) - self%inset*way%angle
       if (self%closed) way%round = self%length(last) - 2*pi*self%inset
       if (.not. self%closed) way%length = way%length + (u - v)
       if (.not. self%closed .and. abs(u - v) > 0.0_wp) return
@@ -253,7 +236,7 @@ contains
     real(wp), intent(in) :: u                !! [any]
     real(wp), intent(in) :: piece            !! [rad]
     real(wp) :: width                        ! of an arc [any]
-    width = self%ends(1)%u - self%ends(0)%u
+    width = self%ends(size(self%radius))%u/size(self%radius)
     q = root(self, d, weight, u - width, u + width, piece)
   end function continued
 
@@ -292,7 +275,7 @@ contains
     real(wp), allocatable :: c(:, :)         ! (2, points) [m]
     type(curve_place) :: q
     integer :: i, k, each
-    each = max(1, samples*32/size(self%radius))
+    each = 1 + (32*samples - 1)/size(self%radius)
     allocate (c(2, 0:each*size(self%radius)))
     do i = 1, size(self%radius)
       do k = 0, each
@@ -329,7 +312,7 @@ contains
         flaw(i) = flaw_hollow
       else
         foot = self%nearest(q%c + (radius - self%inset)*q%n, no_piece)
-        if (abs(foot%distance - radius) > same*(norm2(q%c) + radius)) flaw(i) = flaw_double
+        if (abs(foot%distance - radius) > half_digits*(norm2(q%c) + radius)) flaw(i) = flaw_double
       end if
     end do
     first = findloc(flaw > 0, .true., 1) - 1

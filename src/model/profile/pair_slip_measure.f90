@@ -47,8 +47,7 @@ contains
     real(wp), intent(in) :: pin            !! its radius [m]
     real(wp), intent(in) :: gap            !! radius of the hole less that of the pin [m]
     type(circle_model) :: hole
-    hole%radius = pin + gap
-    hole%hollow = .true.
+    hole%radius = -(pin + gap)
     hole%round = .true.
     allocate (pair%profile, source=hole)
     pair%radius = pin

@@ -74,10 +74,9 @@ module profile
     end function points_of
   end interface
 
-  !> A circle about the origin; its free side is the outside, or the inside of a hollow one.
+  !> A circle about the origin; its free side is the outside, or the inside of a hollow one, whose radius is negative.
   type, extends(profile_model), public :: circle_model
-    real(wp) :: radius = 0.0_wp              !! [m]
-    logical :: hollow = .false.
+    real(wp) :: radius = 0.0_wp              !! of curvature [m]
   contains
     procedure :: nearest => circle_nearest
     procedure :: support => circle_support
@@ -93,14 +92,11 @@ contains
     real(wp), intent(in) :: d(2)             !! [m]
     real(wp), intent(in) :: piece            !! not used [rad]
     real(wp) :: r
-    r = sqrt(d(1)**2 + d(2)**2)
-    if (r > 0.0_wp) foot%n = d/r
+    r = sign(sqrt(d(1)**2 + d(2)**2), self%radius)
+    foot%n(1) = sign(1.0_wp, self%radius)
+    if (abs(r) > 0.0_wp) foot%n = d/r
     foot%distance = r - self%radius
     foot%curvature = 1/self%radius
-    if (.not. self%hollow) return
-    foot%n = -foot%n
-    foot%distance = -foot%distance
-    foot%curvature = -foot%curvature
   end function circle_nearest
 
   !> Its radius.
@@ -117,11 +113,9 @@ contains
     real(wp), intent(in) :: angle            !! not used [rad]
     real(wp), intent(in) :: n(2)             !! outward normal [-]
     real(wp), intent(in) :: piece            !! not used [rad]
-    real(wp) :: radius                       ! of curvature [m]
-    radius = merge(-self%radius, self%radius, self%hollow)
     way%angle = atan2(n(2), n(1))
-    way%length = radius*way%angle
-    way%round = 2*pi*radius
+    way%length = self%radius*way%angle
+    way%round = 2*pi*self%radius
   end function circle_way
 
   !> Round about.

@@ -1,7 +1,7 @@
 !> Reduces a flexible body to its lowest modes and static shapes (`body_modes`): shape integrals, gyroscopic matrix, damping
 !> and the materials' stiffness in the modal basis. Set-up work only.
 module modal_reduction
-  use kinds, only: wp
+  use kinds, only: half_digits, wp
   use body, only: body_model
   use element_law, only: inertia_of, parts_of, strain_products
   use layered_element, only: element_inertia
@@ -59,7 +59,7 @@ contains
     if (size(b%dof, 1) > 3) k = k - static_shapes   ! those of cores are no vibrations
     do k = k, 2, -1                   ! a straight body moves across its axis rather than along it
       if (norm2(modal%psi(b%dof(2, :), k)) >= norm2(modal%psi(b%dof(1, :), k))) exit
-      if (any(abs(b%x(2, :) - b%x(2, 1)) > 1.0e-9_wp*b%length)) exit
+      if (any(abs(b%x(2, :) - b%x(2, 1)) > half_digits*b%length)) exit
     end do
     modal%highest_bending = sqrt(max(w(k), 0.0_wp))
     modal%omega2 = w
