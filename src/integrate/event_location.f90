@@ -107,7 +107,6 @@ contains
       if ((trials >= quick_trials .and. mod(trials, 2) == 0) .or. .not. left%h + s > left%h) s = 0.5_wp*(right(n)%h - left%h)
       trials = trials + 1
       h = left%h + s
-      if (.not. h > left%h) h = right(n)%h     ! no length lies between
       march%tried = march%t + h
       march%roots%locating = .true.
       call march%try_step(system, h, ok)
@@ -122,7 +121,7 @@ contains
       if (found) exit
     end do
     if (found) then
-      if (h >= (1 - same_event)*full_step .or. target - march%tried <= rounding_of(target)) march%tried = target
+      if (target - march%tried <= rounding_of(target)) march%tried = target
       if (abs(h - left%h) > 0.0_wp) left = right(n)
       call mark_fallen(march, left, right(n), k, full_step)
     else if (abs(h - full_step) > 0.0_wp) then    ! no root falls: the full step again
@@ -223,7 +222,6 @@ contains
       if (.not. known) d = g(1) - g(0)
       if (g(1) < -zero(i)) then
         x = cubic_fall(g, d)
-        if (.not. known .and. g(0) <= 0.0_wp) x = merge(0.0_wp, 0.5_wp, left%g(i) < -zero(i))
       else
         x = possible_dip(g, d, zero(i))
       end if
@@ -258,7 +256,7 @@ contains
         high = x
       end if
     end do
-    if (high < 2.0_wp**(-50)) x = 0.0_wp
+    if (.not. low > 0.0_wp) x = 0.0_wp
   end function cubic_fall
 
   !> Where a cubic that is not negative at 0 and 1 has a minimum so low that it may be negative; 2: nowhere.
@@ -302,7 +300,7 @@ contains
     if (root < 0.0_wp) return
     q = -(c(2) + sign(sqrt(root), c(2)))
     if (abs(q) > 0.0_wp) x(1) = c(1)/q
-    if (abs(q) < abs(3*c(3))*1.0e6_wp) x(2) = q/(3*c(3))
+    if (abs(c(3)) > 0.0_wp) x(2) = q/(3*c(3))
     if (x(1) > x(2)) x = x([2, 1])
   end subroutine extremes
 

@@ -16,9 +16,7 @@ module resting_rows
   public :: hold_resting, find_states, close_low, comes_to_rest
 
   integer, parameter :: most_levels = 8      !! each softens a tenth as much as the one before, from 10 to 1e-6
-  integer, parameter :: quick_passes = 12    !! of pivots; more are done at last only
   integer, parameter :: keeps = huge(1)      !! a row meets the law
-  integer, parameter :: few_rows = 5         !! whose 3**5 ways are all tried at last
   integer, parameter :: block_passes = 3     !! in which all rows change that break the law, without fewer of them [-]
 
   !> The rows that switch, at an event.
@@ -173,64 +171,43 @@ contains
     type(resting_set), intent(inout) :: x
     logical, intent(out) :: ok
     integer, intent(out) :: pressed
-    integer :: level
+    integer :: level, found(size(ev%switches%state))   ! states that meet the law, though other shares may hold the rows at rest
+    logical :: met
     pressed = 0
     if (ev%schur%singular) call sort_dependent(m, ev, at, x, pressed)
     ok = pressed == 0
     if (.not. ok) return
     call start_as_before(m, ev, at, x)
-    call sort_rows(m, ev, at, x, quick_passes, ok)
-    if (ok .and. .not. (ev%switches%indeterminate .and. slides(m, ev, x))) return
+    call sort_rows(m, ev, at, x, met)
+    if (met .and. .not. (ev%switches%indeterminate .and. slides(m, ev, x))) return
+    found = ev%switches%state
     do level = 1, most_levels
       ev%softening = 100*0.1_wp**level
       call evaluate_states(m, ev, at)
-      call pivot(m, ev, at, x, quick_passes, ok)
+      call pivot(m, ev, at, x, ok)
     end do
     ev%softening = 0.0_wp
     call evaluate_states(m, ev, at)
-    call sort_rows(m, ev, at, x, quick_passes + 8*size(x%rests), ok)
-    if (.not. ok) call try_all(m, ev, at, x, ok)
+    call sort_rows(m, ev, at, x, ok)
+    if (ok .or. .not. met) return
+    ev%switches%state = found
+    call evaluate_states(m, ev, at)
+    ok = .true.
   end subroutine solve
 
-  !> Where friction presses its own joint so hard that pivots lead to and fro: all ways in which few rows can hold.
-  subroutine try_all(m, ev, at, x, ok)
-    type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(inout) :: ev
-    type(motion_state), intent(in) :: at
-    type(resting_set), intent(in) :: x
-    logical, intent(out) :: ok
-    integer :: k, way, rest
-    ok = .false.
-    if (count(x%rests) > few_rows) return
-    do way = 0, 3**count(x%rests) - 1
-      rest = way
-      do k = 1, size(x%rests)
-        if (.not. x%rests(k)) cycle
-        call set_relation(m, ev, x, k, merge((mod(rest, 3) - 1)*row_at_limit, merge(row_stuck, row_unloaded, mod(rest, 3) == 1), &
-                                             x%side(k) == 0))
-        rest = rest/3
-      end do
-      call evaluate_states(m, ev, at)
-      call sort_rows(m, ev, at, x, 1, ok)
-      if (ok) return
-    end do
-  end subroutine try_all
-
   !> Pivots, and what breaks away after them.
-  subroutine sort_rows(m, ev, at, x, passes, ok)
+  subroutine sort_rows(m, ev, at, x, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(motion_state), intent(in) :: at
     type(resting_set), intent(in) :: x
-    integer, intent(in) :: passes                !! at most
     logical, intent(out) :: ok
     logical :: found(size(x%rests))
     integer :: k
     do k = 1, 2*size(found) + 2
-      call pivot(m, ev, at, x, passes, ok)
+      call pivot(m, ev, at, x, ok)
       if (.not. ok) return
-      call break_away(m, ev, x, .false., found)
-      if (.not. any(found)) call break_away(m, ev, x, .true., found)
+      call break_away(m, ev, x, found)
       if (.not. any(found)) return
       call evaluate_states(m, ev, at)
     end do
@@ -249,32 +226,29 @@ contains
     end do
   end function slides
 
-  !> Principal pivots: all rows change that break the law, or, where that does not lead to fewer of them, one: what would move
-  !> against the law, else the row farthest beyond its limit; later the last one (after Judice & Pires, Computers & Operations
-  !> Research 21, 1994, 587).
-  subroutine pivot(m, ev, at, x, passes, ok)
+  !> Principal pivots: all rows change that break the law, or, where that does not lead to fewer of them, the last one (after
+  !> Judice & Pires, Computers & Operations Research 21, 1994, 587).
+  subroutine pivot(m, ev, at, x, ok)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(motion_state), intent(in) :: at
     type(resting_set), intent(in) :: x
-    integer, intent(in) :: passes                !! at most
     logical, intent(out) :: ok
-    integer :: next(size(x%rests)), least, n, pass, since, k, one
-    real(wp) :: over(size(x%rests))              ! [-]
+    integer :: next(size(x%rests)), least, n, pass, since, k
     least = huge(least)
-    since = merge(block_passes, 0, passes > quick_passes)
-    do pass = 1, passes
-      call find_next(m, ev, x, next, over)
+    since = 0
+    do pass = 1, 8*size(next)                    ! where one row changes at a time, each may have to more than once
+      call find_next(m, ev, x, next)
       n = count(next /= keeps)
       ok = n == 0 .and. .not. ev%broken
       if (n == 0) return
       since = since + 1
       if (n < least .and. pass > 1) since = 0
       least = min(n, least)
-      one = merge(maxloc(over, 1), findloc(next /= keeps, .true., 1, back=.true.), pass < passes/2)
-      do k = 1, size(next)
-        if (since >= block_passes .and. k /= one) cycle
-        if (next(k) /= keeps) call set_relation(m, ev, x, k, next(k))
+      do k = size(next), 1, -1
+        if (next(k) == keeps) cycle
+        call set_relation(m, ev, x, k, next(k))
+        if (since >= block_passes) exit
       end do
       call evaluate_states(m, ev, at)
     end do
@@ -306,22 +280,19 @@ contains
   !> How each row at rest is to hold next: `keeps` where it meets the law. What is within rounding, or of a row at its limit within
   !> `resting` of it, counts for nothing, so that neither sticking nor slipping would be wrong there. A stop that nothing presses
   !> but for rounding is open.
-  subroutine find_next(m, ev, x, next, over)
+  subroutine find_next(m, ev, x, next)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     type(resting_set), intent(in) :: x
     integer, intent(out) :: next(:)              !! (rows that switch) as `relation`
-    real(wp), intent(out) :: over(:)             !! (rows that switch) how far beyond its limit; huge: other breaks [-]
     real(wp) :: slack, limit, least              ! [N], [N], [m/s2]
     integer :: k, state
     next = keeps
-    over = 0.0_wp
     do k = 1, size(next)
       if (.not. x%rests(k)) cycle
       associate (now => motion_of_row(m, ev, k), f => ev%lambda(row(m, k)), side => x%side(k))
         state = relation(m, ev, x, k)
         slack = now%noise/now%compliance
-        limit = 0.0_wp
         if (ev%broken) then                      ! no forces meet the law: other rows are to be at their limits
           if (any(abs(state) == [row_slips, row_at_limit])) next(k) = row_stuck
         else if (side /= 0) then
@@ -336,21 +307,17 @@ contains
           least = ev%softening*now%compliance*abs(f) - now%noise - resting*now%compliance*abs(f)
           if (sign(1, state)*now%acceleration < least) next(k) = merge(-row_unloaded, row_stuck, x%before(k) == row_unloaded)
         end if
-        if (next(k) /= keeps) over(k) = merge(abs(f)/max(limit, tiny(1.0_wp)), huge(1.0_wp), side == 0 .and. state == row_stuck)
       end associate
     end do
   end subroutine find_next
 
-  !> Rows at a bound that move away from there: joints slip, stops open. With `alone` those that do not move, but that no other rows
-  !> hold, either.
-  subroutine break_away(m, ev, x, alone, found)
+  !> Rows at a bound that move away from there: joints slip, stops open.
+  subroutine break_away(m, ev, x, found)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(resting_set), intent(in) :: x
-    logical, intent(in) :: alone
     logical, intent(out) :: found(:)             !! (rows that switch)
     integer :: k, state, direction
-    logical :: held
     found = .false.
     do k = 1, size(found)
       state = relation(m, ev, x, k)
@@ -360,10 +327,6 @@ contains
         if (state == row_unloaded .and. x%side(k) == 0) direction = nint(sign(1.0_wp, a))
         found(k) = direction*a > resting*ev%rows%largest
       end associate
-      if (alone .and. .not. found(k)) then
-        held = depends(m, ev, k)
-        found(k) = .not. held
-      end if
       if (found(k)) call set_relation(m, ev, x, k, direction*row_slips)
     end do
   end subroutine break_away

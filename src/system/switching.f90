@@ -79,31 +79,19 @@ contains
     end do
   end subroutine watch_roots
 
-  !> Switches the force elements whose roots have fallen, then those with a negative root that still falls, until there is none. ok
-  !> is false where that does not end. A negative root that rises is rounding: that of an element that has just switched.
-  subroutine pass_events(m, ev, t, q, v, fallen, list, ok)
+  !> Switches the force elements whose roots have fallen, but for rigid stops, which `impacts` passes.
+  subroutine pass_events(m, ev, t, q, v, fallen, list)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in) :: t                 !! [s]
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     logical, intent(in) :: fallen(:)          !! (roots)
     type(event_list), intent(inout) :: list
-    logical, intent(out) :: ok
-    real(wp), dimension(size(fallen)) :: g, rate, zero   ! [any], [any/s], [any]
-    logical, dimension(size(fallen)) :: down, rigid   ! the latter: `impacts` passes them
-    integer :: pass, i, k
-    rigid = [(is_rigid_stop(m, 1 + i/most_roots), i=0, size(fallen) - 1)]
-    down = fallen .and. .not. rigid
+    integer :: i, k
     call marker_kinematics(m, ev, q, v)
-    do pass = 1, 4*size(m%s%switching)
-      do i = 1, size(m%s%switching)
-        k = findloc(down(most_roots*(i - 1) + 1:most_roots*i), .true., 1)
-        if (k > 0) call switch_one(m, ev, t, i, k, list)
-      end do
-      call watch_roots(m, ev, 1, size(m%s%switching), t, .false., [real(wp) ::], g, rate, zero)
-      down = g < -zero .and. rate < 0.0_wp .and. .not. rigid
-      ok = .not. any(down)
-      if (ok) return
+    do i = 1, size(m%s%switching)
+      k = findloc(fallen(most_roots*(i - 1) + 1:most_roots*i), .true., 1)
+      if (k > 0 .and. .not. is_rigid_stop(m, i)) call switch_one(m, ev, t, i, k, list)
     end do
   end subroutine pass_events
 
@@ -122,7 +110,7 @@ contains
     end associate
     ev%switches%state(i) = event%to
     ev%switches%event_value(i) = event%event_value
-    if (i <= m%s%stops .or. event%to /= event%from) call list%add(event)   ! a corner of a history is not reported
+    if (event%to /= event%from) call list%add(event)   ! a corner of a history is not reported
   end subroutine switch_one
 
   !> Whether an element is a rigid stop, which `impacts` passes.

@@ -45,7 +45,6 @@ contains
     complex(wp), allocatable :: r(:)
     real(wp), allocatable :: start(:), x(:)          ! [m, rad]
     real(wp), allocatable :: lambda(:)               ! (rows) [N]
-    integer :: k
     call unloaded_stiffness(run, both_ways, ds)
     call find_free(run, ds, x, free)
     if (.not. any(free)) return
@@ -53,7 +52,7 @@ contains
     run%y(ds%n + 1:2*ds%n) = 0.0_wp                  ! centrifugal forces of bodies that nothing drives hold nothing
     call move(run, aside/max(aside, largest_motion(run%sys%m, x, 1.0_wp))*x)
     call equations(run, options, ds, r, unused)
-    call weigh(run, motion_units(run)*[(2 + sin(real(k, wp)**2), k=1, ds%n)], 1.0_wp, ds)
+    call weigh(run, motion_units(run), 1.0_wp, ds)
     r(ds%n + 1:) = 0.0_wp
     call ds%solver%solve(r, .false.)
     lambda = run%sys%ev%lambda

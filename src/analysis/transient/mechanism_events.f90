@@ -244,8 +244,8 @@ contains
       k = size(y) - size(x%integrated) + 1
       y(k:) = y(k:) + x%integrated
       if (size(self%tally) > 0) call pass_events(self%m, self%ev, t, y(1:n), y(n + 1:2*n), &
-                                                 fallen(:most_roots*size(self%tally)), self%events, ok)
-      ok = ok .and. self%conflict == 0
+                                                 fallen(:most_roots*size(self%tally)), self%events)
+      ok = self%conflict == 0
       call self%choose_rows()
       if (self%events%count >= first) call begin_contacts(self, t, y, self%events%items(first:self%events%count)%element, &
                                                           self%events%items(first:self%events%count)%from == 0)

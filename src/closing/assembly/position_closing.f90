@@ -56,10 +56,7 @@ contains
           if (worst <= (1 - 0.01_wp*length)*before) exit
           length = length/2
         end do
-        if (tries > 12) then
-          if (worst > 1.0e3_wp*closed_gap(self, ev)) exit
-          if (pass > 5) exit
-        end if
+        if (tries > 12) exit
       end do
       report%newton = report%newton + pass - 1
       if (worst > closed_gap(self, ev) .and. worst <= small*self%s%size .and. any(self%flexible)) then
