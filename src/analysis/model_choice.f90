@@ -20,7 +20,6 @@ module model_choice
   public :: begin_model, choose_model
 
   integer, parameter :: most_modes = 60        !! of a body
-  real(wp), parameter :: modes_share = 0.5_wp  !! of what a column may err by that left-out modes may take [-]
   real(wp), parameter :: halving_error = 1/(1 - 0.5_wp**2)   !! error of a mesh over the change by half the length, by theory [-]
 
 contains
@@ -150,7 +149,7 @@ contains
       ended = failure()
       call pilots%run(with_modes(run%d, body(:n)), found, ended, reference)
       if (pilots%over) lost = ended
-      if (found%worst() <= modes_share) then
+      if (found%worst() <= 1 - found%worst()) then   ! they take no more than they leave to the steps
         high = n
         kept = found
         cycle
@@ -159,7 +158,7 @@ contains
       if (.not. allocated(found%off%error)) cycle
       k = maxloc(found%off%error/found%off%asked, 1)
       fewer = '  fewer are not enough: '//trim(found%columns(k)%label())//' errs by '//short_text(found%worst(), 1)// &
-              ' of what is asked; they may take '//to_text(modes_share)//new_line('a')
+              ' of what is asked; they may take half'//new_line('a')
     end do
     notes = ''
     if (allocated(kept%off%error)) then

@@ -192,3 +192,18 @@ def test_a_coarse_run_is_called_so(step, warned, run_deck):
     run = run_deck(pendulum.format(t_end=20.0, step=step, output=step))
     for told in (run.summary, run.stderr):
         assert told.count("the results cannot be trusted") == warned
+
+
+def test_joints_that_drift_apart_end_the_run(run_deck):
+    """Two pendulums without projection: the pin between them opens by a hundredth of the scene's size within seconds."""
+    deck = """&scene gravity=0.0,-9.81 /
+&body name='a' mass=1.0 inertia=0.01 com=0.5,0.0 /
+&body name='b' mass=1.0 inertia=0.01 com=0.5,0.0 position=1.0,0.0 /
+&joint name='j' type='revolute' body_a='a' /
+&joint name='k' type='revolute' body_a='b' body_b='a' point_b=1.0,0.0 /
+&transient t_end=20.0 method='rk4' step=0.02 output_step=1.0 stabilization='none' /
+"""
+    run, told = failed(run_deck, deck)
+    assert 'the joints have drifted apart by t = 5.000000E+00 s: "k" opens most, by ' in told
+    assert 8e-3 < run.transient["position_violation_of_size"] < 1e-2
+    assert run.history["t"][-1] == 4.0

@@ -290,7 +290,7 @@ CORNERS = """&body name='arm' mass=1.0 inertia=0.1 angular_velocity=1.0 /
 def test_checkpoints_at_corners_saturations_samples_and_a_stop(method, biela, tmp_path):
     """At 0.1 s (a corner, a sample, a ball strikes), 0.2 s (a jump to a limit) and 0.3 s (a corner), with a delay under way."""
     deck = CORNERS + f"&transient t_end=0.4 method={method} output_step=0.005 checkpoint_interval=0.1 /\n"
-    whole = whole_after_cuts(Runner(biela, tmp_path, deck), (0.45, 0.65, 0.9), second="check_error" in method)
+    whole = whole_after_cuts(Runner(biela, tmp_path, deck), (0.49, 0.65, 0.9), second="check_error" in method)
     rows = np.loadtxt(whole["history.txt"].decode().splitlines())
     names = [name for line in whole["history.txt"].decode().splitlines() if "columns:" in line for name in line.split()[2:]]
     strikes = [line.split() for line in whole["events.txt"].decode().splitlines() if " wall open " in line]

@@ -162,7 +162,7 @@ contains
   pure subroutine set(self, r)
     class(pass_ladder), intent(in) :: self
     type(transient_record), intent(inout) :: r
-    real(wp), parameter :: shorter = tighter**0.2_wp
+    real(wp), parameter :: shorter = tighter**(1/5.0_wp)   ! steps of order 5, by theory [-]
     if (self%estimates .and. self%count == 1) return
     associate (pass => self%passes(self%count), before => self%passes(max(1, self%count - 1)))
       r%method = pass%method(:len(r%method))

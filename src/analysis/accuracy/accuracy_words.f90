@@ -3,12 +3,12 @@
 module accuracy_words
   use kinds, only: wp
   use accuracy_ladder, only: finished, half, pass_ladder, pass_record, under_way
-  use balance_words, only: distrusted
+  use energy_balance, only: distrusted
   use scene_run, only: run_state
   use result_columns, only: labels_of, result_column
   use stored_pass, only: compared_columns, pass_difference
   use summary_text, only: json_number, summary_record
-  use text, only: either, joined, short_text, to_text
+  use text, only: either, short_text, to_text
   use transient, only: transient_march
   implicit none (type, external)
   private
@@ -16,23 +16,22 @@ module accuracy_words
 
 contains
 
-  !> The estimated errors of all columns; those of a second run with a warning where some are large or the estimate is doubtful.
+  !> The estimated errors of all columns, with a warning where some are larger than asked or the estimate is doubtful.
   subroutine error_lines(run, march, x, text)
     type(run_state), intent(in) :: run
     type(transient_march), intent(in) :: march
     type(pass_difference), intent(in) :: x
     type(summary_record), intent(inout) :: text
     type(result_column), allocatable :: columns(:)
-    real(wp) :: share(size(x%error))           ! of the range [-]
     integer :: k
     columns = compared_columns(run)
-    associate (ladder => march%ladder)
+    associate (ladder => march%ladder, large => x%error > x%asked)
       k = merge(2, ladder%count - 1, ladder%estimates)
       call text%line('  estimated errors, from the difference to pass {compared_with #}'//either(' with '//either('half the step', &
         'a tenth of the tolerance', ladder%passes(k)%fixed), '', ladder%estimates)//':', [real(wp) :: k])
       if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
-      call column_lines('estimated_errors', columns, x%error, x%range, text, x%error > x%asked)
-      if (any(x%absolute)) then
+      call column_lines('estimated_errors', columns, x%error, x%range, text, large)
+      if (any(x%absolute) .and. .not. ladder%estimates) then
         call text%line('  absolute accuracy of columns with a floor, or a range below a thousandth of the largest of their kind:')
         call text%table('absolute', pack(labels_of(columns), x%absolute), pack(x%asked, x%absolute), 2)
       end if
@@ -43,22 +42,20 @@ contains
         call text%warn('from t = '//short_text(x%differ_at, 6)//' s on the event sequences of both runs differ: rows beyond '// &
                        'are not predictable, and these estimates compare two motions there')
       end if
-      if (.not. ladder%estimates) return
-      share = 0.0_wp
-      where (x%range > 0.0_wp) share = x%error/x%range
-      k = maxloc(share, 1)
-      if (ladder%passes(1)%residual > march%balance%floor() .and. &
+      k = maxloc(x%error/x%asked, 1)
+      if (ladder%estimates .and. ladder%passes(1)%residual > march%balance%floor() .and. &
           march%balance%largest_residual > half*ladder%passes(1)%residual) then
         call text%warn('the energy balance of the second run closes hardly better: vibrations that both runs damp away between '// &
                        'rows are missing in these estimates; a smaller output_step or step shows them')
         call text%line('  accuracy: unknown, columns may err by more than was estimated')
-      else
+      else if (x%range(k) > 0.0_wp) then
         call text%line('  accuracy: the worst column, {worst_column='//trim(columns(k)%label())//'}, errs by an estimated '// &
-                       '{worst_error_of_range 1} of its range', share(k:k))
+                       '{worst_error_of_range 1} of its range', [x%error(k)/x%range(k)])
       end if
-      if (share(k) > distrusted) call text%warn(to_text(count(share > distrusted))//' of '//to_text(size(share))// &
-        ' columns err by more than '//short_text(distrusted, 1)//' of their range, the worst, '//trim(columns(k)%label())// &
-        ', by an estimated '//short_text(share(k), 1)//'; use a smaller step or tolerance')
+      if (any(large)) call text%warn(to_text(count(large))//' of '//to_text(size(large))//' columns err by more than '// &
+        either(short_text(distrusted, 1)//' of their range', 'is asked', ladder%estimates)//', the worst, '// &
+        trim(columns(k)%label())//', by an estimated '//short_text(x%error(k)/x%range(k), 1)//' of its range'// &
+        either('; use a smaller step or tolerance', '', ladder%estimates))
     end associate
   end subroutine error_lines
 
@@ -75,7 +72,7 @@ contains
     do k = 1, size(error)
       share(k) = '  (constant but for rounding)'
       if (range(k) > 0.0_wp) share(k) = ' '//short_text(error(k)/range(k), 1)
-      if (present(too_large)) share(k) = trim(share(k))//either(', more than is asked', '', too_large(k))
+      if (present(too_large)) share(k) = trim(share(k))//either(', too large', '', too_large(k))
     end do
     call text%table(name, columns%label(), error, 2, share)
     call text%open(name//'_of_range', '{')
@@ -115,7 +112,8 @@ contains
           call text%line('  accuracy not kept: {='//trim(names(k))//'}')
         end do
         call text%close()
-        if (.not. kept) call text%warn(not_kept_words(ladder, ladder%passes(delivered), names))
+        if (.not. kept) call text%warn('the accuracy is not kept: '//trim(ladder%reason)//either('; errors are unknown, no '// &
+          'other pass was finished', '', ladder%passes(delivered)%column == ''))
       end if
     end associate
     call text%close()
@@ -143,22 +141,4 @@ contains
     call text%line('')
     call text%close()
   end subroutine pass_line
-
-  !> Why columns may err by more than was asked, and which.
-  function not_kept_words(ladder, pass, names) result(words)
-    type(pass_ladder), intent(in) :: ladder
-    type(pass_record), intent(in) :: pass      !! that is delivered
-    character(*), intent(in) :: names(:)       !! of these columns
-    character(:), allocatable :: words
-    integer, parameter :: most = 5             ! named
-    words = 'the accuracy is not kept: '//trim(ladder%reason)
-    if (pass%differ_at >= 0.0_wp) words = words//'; events of the last two passes differ from t = '// &
-                                          short_text(pass%differ_at, 6)//' s on'
-    if (pass%column == '') then
-      words = words//'; errors are unknown: no other pass was finished'
-    else if (size(names) > 0) then
-      words = words//'; estimated errors, up to '//short_text(pass%apart, 1)//' of what is asked, are too large of '// &
-              joined(names(:min(size(names), most)), ', ')//either(' and others', ' alone', size(names) > most)
-    end if
-  end function not_kept_words
 end module accuracy_words

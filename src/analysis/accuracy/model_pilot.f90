@@ -4,11 +4,11 @@ module model_pilot
   use kinds, only: wp, ip
   use accuracy_ladder, only: least, smallest_accuracy, tighter
   use deck_records, only: deck
+  use deck_transient, only: default_accuracy
   use errors, only: failure, fault_list, status_failed, status_signal
   use force_element, only: stage_transient
   use scene_run, only: run_state, prepare_run
   use static_analysis, only: run_static
-  use step_counts, only: step_count
   use result_columns, only: result_column
   use stored_pass, only: compared_columns, pass_difference, pass_rows
   use summary_text, only: summary_record
@@ -58,9 +58,7 @@ contains
     type(deck), intent(in) :: d
     integer(ip), intent(in) :: began          !! count of the clock
     real(wp), intent(in) :: factor            !! error over the difference [-]
-    real(wp), parameter :: usual = 1.0e-6_wp  ! [-]
-    self%tolerance = usual
-    if (d%transient%accuracy > 0.0_wp) self%tolerance = max(min(usual, tighter**2*smallest_accuracy(d)), least)
+    self%tolerance = max(tighter**3*merge(smallest_accuracy(d), default_accuracy, d%transient%accuracy > 0.0_wp), least)
     self%began = began
     self%factor = factor
   end subroutine begin
@@ -106,7 +104,7 @@ contains
     if (present(reference)) then
       march%rows = reference%rows
     else
-      call march%rows%begin(size(found%columns), step_count(0.0_wp, d%transient%t_end, d%transient%output_step))
+      call march%rows%begin(run)
     end if
     call run_transient(run, march, fail)
     self%cost = self%cost + march%cost(run)

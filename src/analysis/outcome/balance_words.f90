@@ -1,7 +1,7 @@
 !> Lines of the summary about a transient's largest gaps of joints and its energy balance.
 module balance_words
   use kinds, only: wp
-  use energy_balance, only: balance_watch
+  use energy_balance, only: balance_watch, distrusted
   use scene_run, only: run_state
   use summary_text, only: summary_record
   use text, only: short_text
@@ -9,8 +9,6 @@ module balance_words
   implicit none (type, external)
   private
   public :: balance_lines, closing_lines
-
-  real(wp), parameter, public :: distrusted = 1.0e-2_wp   !! residual, of the energy that moved; error of a column, of its range [-]
 
 contains
 
@@ -58,5 +56,4 @@ contains
       call text%close()
     end associate
   end subroutine balance_lines
-
 end module balance_words

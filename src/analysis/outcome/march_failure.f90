@@ -49,7 +49,7 @@ contains
     trouble = merge(trouble_masses, march%trouble, run%sys%ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size)
     ratios = ratios_now(run)
     if (any(ratios > nearly_locked) .and. trouble /= trouble_masses) trouble = trouble_system
-    at = ' at t = '//number(march%t)//' s'
+    at = ' at t = '//short_text(march%t, 6)//' s'
     growing = growing_body(run, norm, march%trial)
     select case (trouble)
     case (trouble_system)
@@ -59,10 +59,10 @@ contains
         text = friction_fault(run, ratios, at)
       end if
     case (trouble_masses)
-      text = 'the run cannot go on after t = '//number(march%t)//' s: '//too_uneven//weakest_text(run%sys%m, run%sys%ev)
+      text = 'the run cannot go on after t = '//short_text(march%t, 6)//' s: '//too_uneven//weakest_text(run%sys%m, run%sys%ev)
     case (trouble_manifold)
-      text = 'the joints cannot be kept closed after t = '//number(march%t)//' s: '//widest_gap(run%sys%m, run%sys%ev)// &
-             ' at t = '//number(march%tried)//' s'//beyond_reach//check_the_drive(run)
+      text = 'the joints cannot be kept closed after t = '//short_text(march%t, 6)//' s: '//widest_gap(run%sys%m, run%sys%ev)// &
+             ' at t = '//short_text(march%tried, 6)//' s'//beyond_reach//check_the_drive(run)
     case (trouble_accuracy)
       text = 'the step became too small'//at//': the tolerance cannot be kept'//growing//largest_reactions(run)// &
              '; the motion may be singular there (a drive beyond the reach of the mechanism, a dead centre), rounding may set '// &
@@ -70,7 +70,7 @@ contains
              'light masses on stiff springs may be too fast (biela --check tells): check these and the loads, or try a larger '// &
              'tolerance or radau'
     case (trouble_iteration)
-      text = 'the equations of a step could not be solved at t = '//number(march%tried)//' s'//growing
+      text = 'the equations of a step could not be solved at t = '//short_text(march%tried, 6)//' s'//growing
       if (run%sys%m%s%rows > 0) then
         text = text//beyond_reach//check_the_drive(run)
       else
@@ -87,7 +87,7 @@ contains
                'that rises steeply'
       end if
     case default      ! trouble_size
-      text = 'the solution diverged at t = '//number(march%tried)//' s'//growing// &
+      text = 'the solution diverged at t = '//short_text(march%tried, 6)//' s'//growing// &
              either('; no step is small enough: check the loads', too_large, run%d%transient%adaptive)
     end select
     call give_up(text, last, fail)
@@ -101,7 +101,7 @@ contains
     character(*), intent(in) :: text
     real(wp), intent(in) :: last               !! time of the last row [s]
     type(failure), intent(inout) :: fail
-    call fail%raise(status_failed, text//'. Results up to t = '//number(last)//' s are complete')
+    call fail%raise(status_failed, text//'. Results up to t = '//short_text(last, 6)//' s are complete')
   end subroutine give_up
 
   !> Painleve's ratio of each joint with friction when it was last checked; where the last evaluation has found no force that meets
@@ -151,8 +151,9 @@ contains
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     real(wp), intent(in) :: residual, energy   !! at t; largest before [J]
     type(failure), intent(inout) :: fail
-    call give_up('the solution diverged before t = '//number(t)//' s: the energy balance is off by '//number(residual)// &
-                 ' J, where energies were up to '//number(energy)//' J'//growing_body(run, norm, run%y)//largest_reactions(run)// &
+    call give_up('the solution diverged before t = '//short_text(t, 6)//' s: the energy balance is off by '// &
+                 short_text(residual, 6)//' J, where energies were up to '//short_text(energy, 6)//' J'// &
+                 growing_body(run, norm, run%y)//largest_reactions(run)// &
                  either('; check drives and near-singular positions, or try a smaller tolerance', too_large, &
                         run%d%transient%adaptive), last, fail)
   end subroutine explain_balance
@@ -163,10 +164,11 @@ contains
     integer, intent(in) :: b                   !! body
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     type(failure), intent(inout) :: fail
-    call give_up('the solution diverged before t = '//number(t)//' s: body '//name_of(run, b)//' deflects by more than a '// &
-      'thousand times the size of the scene'//either('; ', too_large//'; or ', run%d%transient%adaptive)//'the motion itself '// &
-                 'grows without bound: a beam that spins faster than its first bending frequency needs stiffening=.true., '// &
-                 'loads may exceed a buckling load', last, fail)
+    call give_up('the solution diverged before t = '//short_text(t, 6)//' s: body'//in_quotes([run%sys%m%s%bodies(b)%name])// &
+                 ' deflects by more than a thousand times the size of the scene'// &
+                 either('; ', too_large//'; or ', run%d%transient%adaptive)//'the motion itself grows without bound: a beam '// &
+                 'that spins faster than its first bending frequency needs stiffening=.true., loads may exceed a buckling load', &
+                 last, fail)
   end subroutine explain_shape
 
   !> Joints that have drifted apart in a run that does not close them.
@@ -174,9 +176,9 @@ contains
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: t, last            !! refused time, time of the last row [s]
     type(failure), intent(inout) :: fail
-    call give_up('the joints have drifted apart by t = '//number(t)//' s: '//widest_gap(run%sys%m, run%sys%ev)//', more than a '// &
-                 'hundredth of the scene''s size; a drive may demand the impossible there; try stabilization=''projection'', '// &
-                 'or a smaller step or tolerance', last, fail)
+    call give_up('the joints have drifted apart by t = '//short_text(t, 6)//' s: '//widest_gap(run%sys%m, run%sys%ev)// &
+                 ', more than a hundredth of the scene''s size; a drive may demand the impossible there; try '// &
+                 'stabilization=''projection'', or a smaller step or tolerance', last, fail)
   end subroutine explain_drift
 
   !> A rigid stop that is pressed by a part which cannot move back.
@@ -227,16 +229,8 @@ contains
     integer :: b
     b = fastest_growth(norm, size(run%sys%m%s%bodies), y)
     text = ''
-    if (b > 0) text = ', the coordinates of body '//name_of(run, b)//' grow most'
+    if (b > 0) text = ', the coordinates of body'//in_quotes([run%sys%m%s%bodies(b)%name])//' grow most'
   end function growing_body
-
-  !> A body's name in quotes.
-  function name_of(run, b) result(text)
-    type(run_state), intent(in) :: run
-    integer, intent(in) :: b                   !! body
-    character(:), allocatable :: text
-    text = '"'//trim(run%sys%m%s%bodies(b)%name)//'"'
-  end function name_of
 
   !> The joints and drives with the largest multipliers at the last evaluation, as part of a sentence.
   function largest_reactions(run) result(text)
@@ -264,11 +258,4 @@ contains
     text = either('; check the drive and the geometry', '; or the step is too large: check the drive, or try a smaller step', &
                   run%d%transient%adaptive)
   end function check_the_drive
-
-  !> A number in a few digits.
-  function number(x) result(text)
-    real(wp), intent(in) :: x                  !! [any]
-    character(:), allocatable :: text
-    text = short_text(x, 6)
-  end function number
 end module march_failure

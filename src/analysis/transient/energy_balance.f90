@@ -16,6 +16,10 @@ module energy_balance
   implicit none (type, external)
   private
 
+  !> Residual of the energy that moved, error of a column of its range, gap of a joint of the scene's size, beyond which results
+  !> cannot be trusted [-].
+  real(wp), parameter, public :: distrusted = 1.0e-2_wp
+
   !> The balance so far. Energies are kinetic, potential, dissipated and work, in this order.
   type, public :: balance_watch
     real(wp) :: row(9) = 0.0_wp               !! of energy.txt: 4 energies, residual [J], violations [m], [m/s], losses [J]

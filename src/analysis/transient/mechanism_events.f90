@@ -13,6 +13,7 @@ module mechanism_events
   use mechanism_rates, only: moving_mechanism
   use projection, only: project
   use resting_rows, only: close_low, comes_to_rest, find_states, hold_resting, resting_set
+  use root_watch, only: resting
   use slipping, only: painleve_ratio
   use stops, only: stop_model, stop_rebound
   use switch_tally, only: joint_tally, element_tally
@@ -20,9 +21,9 @@ module mechanism_events
   implicit none (type, external)
   private
 
-  real(wp), parameter :: difference_time = 1.0e-6_wp   !! between evaluations of a difference quotient, of an output step [-]
+  !> Between evaluations of a difference quotient, of an output step: its error and that of rounding are alike then [-].
+  real(wp), parameter :: difference_time = sqrt(resting)
   real(wp), parameter :: least_change = 1.0e3_wp       !! of a root; a smaller one is rounding; of what counts as zero [-]
-  real(wp), parameter :: least_rebound = 1.0e-11_wp    !! next height below which a stop closes, of the scene's size [-]
   integer, parameter :: checked_per_step = 4  !! joints whose Painleve's ratio is found in an accepted step
 
   !> The system with its events.
@@ -292,7 +293,7 @@ contains
       end do
       if (self%conflict == 0) call find_states(self%m, self%ev, self%motion_at(t, y), difference_time*self%output_step, set, ok, &
                                                self%conflict)
-      call close_low(self%m, self%ev, set, least_rebound*self%m%s%size, u, flight, closed)
+      call close_low(self%m, self%ev, set, resting*self%m%s%size, u, flight, closed)
       if (.not. (ok .and. any(closed))) exit
       where (closed) last = flight
       do k = 1, size(u)                     ! energies of rebounds that end at once

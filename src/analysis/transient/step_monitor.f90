@@ -18,7 +18,6 @@ module step_monitor
 
   integer, parameter :: most_steps = 12        !! Lanczos steps of a motion
   real(wp), parameter :: part_of_run = 0.02_wp !! of the work, for all estimates [-]
-  real(wp), parameter :: far = 2.0_wp          !! larger ratio: a motion at a singular start is no measure of its bound [-]
   integer, parameter :: most_often = 8         !! times as many where the bound falls towards the step
   integer(ip), parameter :: first = 4          !! accepted steps before the first
 
@@ -99,9 +98,7 @@ contains
     if (self%smallest < huge(1.0_wp)) self%cause = bound%cause(self%method)%what
     if (.not. self%active) return
     followed = bound_of_motions(self, m, work)
-    if (self%smallest < (1 - 1.0e-6_wp)*self%pole_step .and. abs(log(self%smallest) - log(followed)) < log(far)) then
-      self%ratio = self%smallest/followed
-    end if
+    if (self%smallest < (1 - 1.0e-6_wp)*self%pole_step) self%ratio = self%smallest/followed
   contains
     !> Adds a motion without joints: at a singular start they may prevent a motion that they allow later.
     subroutine follow(mix, segment)

@@ -4,9 +4,10 @@ module stored_pass
   use kinds, only: wp, ip
   use archive, only: value_archive
   use column_ranges, only: column_range
-  use deck_records, only: transient_record
+  use energy_balance, only: distrusted
   use result_columns, only: motion_columns, result_column
   use scene_run, only: run_state
+  use step_counts, only: step_count
   use switching, only: event_list, switch_event
   implicit none (type, external)
   private
@@ -18,6 +19,7 @@ module stored_pass
   type, public :: pass_rows
     real(wp), allocatable :: before(:, :), values(:, :)   !! (columns, 0:outputs) [of the column]
     type(event_list) :: events_before, events
+    real(wp), private :: output_step = 0.0_wp, t_end = 0.0_wp   !! [s]
     logical :: filled = .false.               !! there is a pass before
   contains
     procedure :: begin
@@ -49,14 +51,16 @@ contains
   end function compared_columns
 
   !> No pass yet.
-  pure subroutine begin(self, columns, outputs)
+  subroutine begin(self, run)
     class(pass_rows), intent(inout) :: self
-    integer, intent(in) :: columns
-    integer(ip), intent(in) :: outputs        !! rows after that of t = 0
-    allocate (self%values(columns, 0:outputs), source=0.0_wp)
+    type(run_state), intent(in) :: run
+    self%output_step = run%d%transient%output_step
+    self%t_end = run%d%transient%t_end
+    allocate (self%values(size(compared_columns(run)), 0:step_count(0.0_wp, self%t_end, self%output_step)), source=0.0_wp)
+    allocate (self%events%items(0), self%events_before%items(0))
   end subroutine begin
 
-  !> A row of the pass under way, with its events since the last row.
+  !> A row of the pass under way, with its events since the last row; the last one of many rebounds may be dated behind the end.
   subroutine note(self, row, values, events)
     class(pass_rows), intent(inout) :: self
     integer(ip), intent(in) :: row
@@ -65,7 +69,7 @@ contains
     integer :: k
     self%values(:, row) = values
     do k = 1, events%count
-      call self%events%add(events%items(k))
+      if (events%items(k)%t < self%t_end) call self%events%add(events%items(k))
     end do
   end subroutine note
 
@@ -88,7 +92,7 @@ contains
     type(column_range) :: seen
     logical :: between(0:ubound(self%values, 2))
     integer :: k
-    call match_events(self, run%d%transient, x, between)
+    call match_events(self, x, between)
     allocate (x%error(size(self%values, 1)), source=0.0_wp)
     do k = 0, ubound(between, 1)
       if (.not. between(k)) x%error = max(x%error, abs(self%values(:, k) - self%before(:, k)))
@@ -101,32 +105,31 @@ contains
 
   !> Compares events element by element: two elements may switch in either order within the errors of their times. What one pass has
   !> and the other not, or more than a row later, has no counterpart: from there on they are two motions.
-  subroutine match_events(self, r, x, between)
+  subroutine match_events(self, x, between)
     class(pass_rows), intent(in) :: self
-    type(transient_record), intent(in) :: r
     type(pass_difference), intent(inout) :: x
     logical, intent(out) :: between(0:)       !! (rows) events of both passes
-    type(switch_event), allocatable :: mine(:), other(:), a(:), b(:)
+    type(switch_event), allocatable :: a(:), b(:)
     real(wp), allocatable :: first(:), last(:)   ! (pairs) earlier and later time [s]
     integer :: k, n
     between = .false.
     first = [real(wp) ::]
     last = first
-    mine = within(self%events, r%t_end)
-    other = within(self%events_before, r%t_end)
-    do k = 1, maxval([mine%element, other%element])
-      a = pack(mine, mine%element == k)
-      b = pack(other, other%element == k)
-      n = min(size(a), size(b))
-      n = findloc([a(:n)%from == b(:n)%from .and. a(:n)%to == b(:n)%to .and. &
-                   abs(row_before(a(:n)%t) - row_before(b(:n)%t)) <= 1, .false.], .false., 1) - 1
-      first = [first, min(a(:n)%t, b(:n)%t)]
-      last = [last, max(a(:n)%t, b(:n)%t)]
-      if (n == max(size(a), size(b))) cycle
-      associate (at => minval([a(n + 1:)%t, b(n + 1:)%t]))
-        x%differ_at = merge(at, min(at, x%differ_at), x%differ_at < 0.0_wp)
-      end associate
-    end do
+    associate (mine => self%events%items(:self%events%count), other => self%events_before%items(:self%events_before%count))
+      do k = 1, maxval([mine%element, other%element])
+        a = pack(mine, mine%element == k)
+        b = pack(other, other%element == k)
+        n = min(size(a), size(b))
+        n = findloc([a(:n)%from == b(:n)%from .and. a(:n)%to == b(:n)%to .and. &
+                     abs(row_before(a(:n)%t) - row_before(b(:n)%t)) <= 1, .false.], .false., 1) - 1
+        first = [first, min(a(:n)%t, b(:n)%t)]
+        last = [last, max(a(:n)%t, b(:n)%t)]
+        if (n == max(size(a), size(b))) cycle
+        associate (at => minval([a(n + 1:)%t, b(n + 1:)%t]))
+          x%differ_at = merge(at, min(at, x%differ_at), x%differ_at < 0.0_wp)
+        end associate
+      end do
+    end associate
     do k = 1, size(first)
       if (x%differ_at >= 0.0_wp .and. first(k) >= x%differ_at) cycle
       x%matched = x%matched + 1
@@ -137,22 +140,14 @@ contains
     !> Number of the last row before a time.
     elemental integer(ip) function row_before(t) result(row)
       real(wp), intent(in) :: t               !! [s]
-      row = int(t/r%output_step, ip)
+      row = int(t/self%output_step, ip)
     end function row_before
   end subroutine match_events
 
-  !> Events of a run before its end: the last one of many rebounds is dated when all are over.
-  pure function within(list, t_end) result(events)
-    type(event_list), intent(in) :: list
-    real(wp), intent(in) :: t_end             !! [s]
-    type(switch_event), allocatable :: events(:)
-    allocate (events(0))
-    if (list%count > 0) events = pack(list%items(:list%count), list%items(:list%count)%t < t_end)
-  end function within
-
   !> The error that each column may have: the accuracy of its sensor times its range, or the sensor's floor; any where a column is
-  !> constant but for rounding, or counts states or elements. A range counts at least a thousandth of the largest one of the same
-  !> quantity and unit: a column that hardly moves beside them shall not set the cost.
+  !> constant but for rounding, or counts states or elements. Without an accuracy it is that of results that can be trusted. A range
+  !> counts at least a thousandth of the largest one of the same quantity and unit: a column that hardly moves beside them shall not
+  !> set the cost.
   subroutine find_asked(run, x)
     type(run_state), intent(in) :: run
     type(pass_difference), intent(inout) :: x
@@ -162,10 +157,9 @@ contains
     columns = compared_columns(run)
     x%asked = spread(huge(1.0_wp), 1, size(columns))
     x%absolute = spread(.false., 1, size(columns))
-    if (.not. run%d%transient%accuracy > 0.0_wp) return
     do k = 1, size(columns)
       if (.not. x%range(k) > 0.0_wp .or. columns(k)%unit == '-') cycle
-      accuracy = run%d%transient%accuracy
+      accuracy = merge(run%d%transient%accuracy, distrusted, run%d%transient%accuracy > 0.0_wp)
       floor = 0.0_wp
       n = count(run%list%first <= k)
       if (n > 0) floor = run%d%sensors(n)%floor

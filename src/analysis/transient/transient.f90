@@ -7,7 +7,7 @@ module transient
   use checkpoint, only: write_checkpoint
   use column_ranges, only: column_range
   use choose_stepper, only: make_stepper
-  use energy_balance, only: balance_watch
+  use energy_balance, only: balance_watch, distrusted
   use error_groups, only: group_unknowns, out_of_shape
   use errors, only: failure, status_ok, status_failed, status_bad_input, status_signal
   use force_scale, only: largest_force
@@ -99,10 +99,6 @@ contains
       if (.not. r%adaptive) run%monitor%step = actual_step(r%output_step, r%step)
       call run%monitor%begin(run%sys%m, run%sys%ev, run%y(1:s%nq), r%method)
       call make_stepper(r, s, run%monitor%fastest, march%method)
-      if (.not. allocated(march%method)) then
-        call fail%raise(status_failed, 'method '''//trim(r%method)//''' is not available')
-        return
-      end if
       call group_unknowns(s, march%norm)
       march%outputs = step_count(0.0_wp, r%t_end, r%output_step)
       call march%balance%begin(run%sys%m, r%t_end)
@@ -274,12 +270,11 @@ contains
     type(transient_march), intent(inout) :: march
     real(wp), intent(in) :: t                  !! [s]
     type(failure), intent(inout) :: fail
-    real(wp), parameter :: drift = 1.0e-2_wp   !! largest gap of a joint that is accepted, of the scene's size [-]
     integer :: b
     associate (balance => march%balance, s => run%sys%m%s)
       if (balance%diverged()) then
         call explain_balance(run, march%norm, t, march%last, balance%row(5), balance%largest_balanced, fail)
-      else if (balance%row(6) > drift*s%size) then
+      else if (balance%row(6) > distrusted*s%size) then
         call explain_drift(run, t, march%last, fail)
       else
         call march%norm%watch(run%y)

@@ -233,10 +233,6 @@ contains
     type(body_model), intent(in) :: b
     real(wp) :: share                                !! of the frequency [-]
     share = frequency_in_use(b)
-    if (share >= huge(1.0_wp)) then
-      share = 0.0_wp
-      return
-    end if
     associate (g => b%elements)
       share = 0.5_wp*(1 + shear_ratio)*share*sum(sqrt(g%ei_l*g%mass)/g%ea_l)/sum(g%length)
     end associate

@@ -10,6 +10,8 @@ module deck_transient
   private
   public :: read_transient
 
+  real(wp), parameter, public :: default_accuracy = 1.0e-3_wp   !! [-]
+
 contains
 
   !> &transient
