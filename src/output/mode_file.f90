@@ -80,12 +80,14 @@ contains
     end function shape_names
 
     !> Displacements of frames (x, y, angle) and nodes (x, y) in global axes, the largest one made 1; then angles of cores at nodes.
+    !> Where nodes only turn, displacements are rounding and stay as small.
     pure function displacements(x) result(d)
       complex(wp), intent(in) :: x(:)           !! (nq) unknowns of the linearisation, in body axes [m, rad]
       complex(wp), allocatable :: d(:)
       complex(wp) :: w(2), u(3)
       real(wp), allocatable :: weight(:)        ! of each displacement: the scene's size for angles [-], [m]
       real(wp) :: rho(2), now(3)
+      real(wp) :: turned                        ! largest rotation of a node in its body [rad]
       real(wp) :: re(size(x)), im(size(x))      ! apart, so that sections of them need no copy
       integer :: b, i, k, j
       re = real(x, wp)
@@ -99,6 +101,7 @@ contains
           if (size(body%dof, 1) > 3) d = [d, cmplx(slips(body, re(i + 1:i + body%nf)), slips(body, im(i + 1:i + body%nf)), wp)]
         end associate
       end do
+      turned = 0.0_wp
       j = 0
       do b = 1, size(m%s%bodies)
         i = m%s%qo(b)
@@ -109,6 +112,7 @@ contains
         associate (body => m%s%bodies(b))
           do k = 1, body%nn
             u = cmplx(body%displacement(k, re(i + 4:i + 3 + body%nf)), body%displacement(k, im(i + 4:i + 3 + body%nf)), wp)
+            turned = max(turned, abs(u(3)))
             now = body%displacement(k, q(i + 4:i + 3 + body%nf))
             rho = body%x(:, k) + now(1:2)
             w = x(i + 1:i + 2) + u(1:2) + x(i + 3)*[-rho(2), rho(1)]
@@ -118,7 +122,7 @@ contains
         end associate
       end do
       k = maxloc(weight*abs(d(:j)), 1)
-      if (abs(d(k)) > 0.0_wp) d = d/(weight(k)*d(k))
+      if (weight(k)*abs(d(k)) > sqrt(epsilon(1.0_wp))*m%s%size*turned) d = d/(weight(k)*d(k))
     end function displacements
   end subroutine write_modes
 

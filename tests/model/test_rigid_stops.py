@@ -260,6 +260,17 @@ def test_a_stop_is_closed_in_statics_modes_and_responses(run_deck):
     assert table[0, 3] == pytest.approx(np.sqrt((1 + 10 * 0.3) / (0.02 + 0.3**2)) / (2 * np.pi), rel=1e-12)
 
 
+def test_a_stop_that_the_last_load_step_enters_is_closed(run_deck):
+    """A mass sinks on a spring onto a stop just above where it would hang: 0.4905 m for 0.47 m."""
+    deck = "&scene gravity=0.0,-9.81 /\n&body name='b' mass=1.0 inertia=1.0 /\n"
+    deck += "&joint name='g' type='prismatic' body_a='b' direction={pi/2} /\n&static /\n"
+    deck += "&spring name='k' body_a='b' point_b=0.0,2.0 stiffness=20.0 free_length=2.0 /\n"
+    deck += "&stop name='s' type='position' body_a='b' direction={pi/2} lower=-0.47 restitution=0.5 /\n"
+    run = run_deck(deck + "&sensor name='y' quantity='position' body='b' /\n&sensor name='s' quantity='stop' stop='s' /\n")
+    last = np.loadtxt(run.folder / "static.txt")[-1]
+    assert last[[4, 5, 7]] == pytest.approx([-0.47, 9.81 - 20.0 * 0.47, -1.0], rel=1e-12)
+
+
 def test_what_no_rigid_stop_can_hold_is_told(run_deck):
     arm = "&body name='a' mass=2.0 inertia=0.1 com=0.5,0.0 angle={} /\n&joint name='p' type='revolute' body_a='a' /\n"
     arm += "&stop name='wall' type='rotation' body_a='a' upper=0.3 restitution=0.5 /\n"

@@ -363,6 +363,13 @@ def test_shapes_are_those_of_the_closed_form(modes_of):
         np.testing.assert_allclose(shape * np.sign(shape[1]), sine / np.abs(sine).max(), atol=2e-5)
 
 
+def test_a_shape_that_moves_no_node_is_zero(modes_of):
+    """One element on two hinges: its ends only turn, both ways alike or against one another."""
+    modes = modes_of(beam(1, "pinned-pinned", modes=2))
+    np.testing.assert_allclose(modes.poles.imag, np.sqrt([120.0, 2520.0]) * UNIT, rtol=1e-9)
+    assert np.abs([modes.table[name] for name in modes.table.names if name.startswith("b.")]).max() < 1e-12
+
+
 def test_more_modes_than_freedoms_are_listed_as_far_as_they_go(run_deck):
     run = run_deck(OSCILLATOR.format(ghm=""))
     assert len(Modes(run).poles) == 1

@@ -4,8 +4,8 @@
 `make mutants` calls it; results/mutants.txt lists the survivors. All mistakes are built into one copy of the program, each behind
 a question: if (planted(17)) then the mistake, else the statement as it is. The environment variable PLANTED says which one is
 made. A first run of the tests, without any, tells which test asks which question; a mistake then meets the tests that reach it
-until one fails (`meet`), for MUTANT_SECONDS=300 at most. MUTANTS= says how many, SEED= which, MUTANT_FILES= limits the files by a
-pattern.
+until one fails (`meet`), for MUTANT_SECONDS=300 of a processor at most. MUTANTS= says how many, SEED= which, MUTANT_FILES= limits
+the files by a pattern.
 """
 
 from __future__ import annotations
@@ -27,16 +27,18 @@ COPY = ROOT / "build" / "mutants"
 SEEN = COPY / "seen"
 LINKED = ["tests", "post", "input", "share", ".venv", "README.md", "requirements.txt", "setup.sh"]
 LINKED += ["pyproject.toml", "fortitude.toml"]
+BEYOND = r"(?!-?[\d.]*[1-9][\d.]*(e-?\d+)?_wp)"  # no constant that real numbers meet by chance alone: either side is right there
 # what builds the program, or reads its sources, says nothing about a mistake
 APART = ["build", "install", "layers", "units_stated", "mutants", "fuzz", "faults", "toy_kinds", "readme_commands"]
 MOST = 4000
 SECONDS = os.environ.get("MUTANT_SECONDS", "300")  # of the tests that one mistake meets
 SWAPS = [
-    (r" \+ ", " - "), (r" - ", " + "), (r"(?<=\w)\*(?=\w)", "/"), (r"(?<=[\w)])/(?=\w)", "*"), (r" < ", " <= "), (r" > ", " >= "),
-    (r" <= ", " < "), (r" >= ", " > "), (r" == ", " /= "), (r" /= ", " == "), (r"\.and\.", ".or."), (r"\.or\.", ".and."),
-    (r"\.true\.", ".false."), (r"\.false\.", ".true."), (r"\.not\. ", ""), (r"\bmin\(", "max("), (r"\bmax\(", "min("),
-    (r"\bmaxval\(", "minval("), (r"\b1\b(?![._])", "2"), (r"\b0\b(?![._])", "1"), (r"\b2\b(?![._])", "3"), (r"\b0\.5_wp", "0.6_wp"),
-    (r"\b2\*", "3*"), (r"\bexit\b", "cycle"), (r"\bcycle\b", "exit"), (r"^ *call .*", "continue"), (r"\breturn\b", "continue"),
+    (r" \+ ", " - "), (r" - ", " + "), (r"(?<=\w)\*(?=\w)", "/"), (r"(?<=[\w)])/(?=\w)", "*"), (r" < " + BEYOND, " <= "),
+    (r" > " + BEYOND, " >= "), (r" <= " + BEYOND, " < "), (r" >= " + BEYOND, " > "), (r" == ", " /= "), (r" /= ", " == "),
+    (r"\.and\.", ".or."), (r"\.or\.", ".and."), (r"\.true\.", ".false."), (r"\.false\.", ".true."), (r"\.not\. ", ""),
+    (r"\bmin\(", "max("), (r"\bmax\(", "min("), (r"\bmaxval\(", "minval("), (r"\b1\b(?![._])", "2"), (r"\b0\b(?![._])", "1"),
+    (r"\b2\b(?![._])", "3"), (r"\b0\.5_wp", "0.6_wp"), (r"\b2\*", "3*"), (r"\bexit\b", "cycle"), (r"\bcycle\b", "exit"),
+    (r"^ *call .*", "continue"), (r"\breturn\b", "continue"),
 ]  # fmt: skip
 NO_STATEMENT = re.compile(
     r"(!|use|end|module|submodule|program|contains|private|public|implicit|import|interface|abstract|type|class|select|case|where|"
@@ -239,7 +241,7 @@ def build(sources: dict[Path, list[Statement]]) -> set[int]:
     """Build the copy; return the mistakes that do not compile, and were taken out."""
     refused = set()
     libraries = f"LDLIBS={COPY}/answer.o {os.environ.get('LDLIBS', '-llapack -lblas')}"
-    command = ["make", "-k", "all", "probe", "FFLAGS=-O1 -ffree-line-length-none -w", "WERROR=", libraries]
+    command = ["make", "-k", "all", "probe", "FFLAGS=-O1 -ffree-line-length-none -w -fcheck=bounds", "WERROR=", libraries]
     while True:
         owners = write(sources)
         done = subprocess.run(command, cwd=COPY, capture_output=True, text=True, check=False)

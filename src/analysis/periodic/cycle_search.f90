@@ -96,13 +96,14 @@ contains
     type(direction_space) :: space
     type(turn_result) :: now
     real(wp) :: change                               ! in a turn [-]
-    integer :: plain, failed, k
+    integer :: plain, ahead, failed                  ! plain turns the last time, still to come; as of `step`
     self%residual = huge(1.0_wp)
     self%found = .false.
     call make_turn(self, run, self%turn%start, self%turn%period, now)
     self%turn = now
     call space%clear(size(self%map%compared))
     plain = 0
+    ahead = 0
     failed = 0
     do while (.not. (self%fail%happened() .or. now%lost))
       change = maxval(abs(self%map%change(now)))
@@ -110,15 +111,17 @@ contains
       self%residual = min(change, self%residual)
       self%found = self%residual < self%tolerance
       if (self%found .or. self%turns >= self%most_turns) exit
+      if (ahead > 0) then                            ! on and on, as the machine runs alone
+        ahead = ahead - 1
+        call make_turn(self, run, self%map%moved(now%start, self%map%change(now)), (now%period), now)
+        cycle
+      end if
       call step(self, run, space, now, failed)
       if (failed < 2) cycle
       call space%clear(size(self%map%compared))
       failed = 0
       plain = plain + 1
-      do k = 1, min(plain, self%most_turns - self%turns)   ! on and on, as the machine runs alone
-        if (now%lost .or. self%fail%happened()) exit
-        call make_turn(self, run, self%map%moved(now%start, self%map%change(now)), (now%period), now)
-      end do
+      ahead = plain
     end do
     self%turns_to_cycle = self%turns
   end subroutine find_cycle

@@ -73,10 +73,8 @@ contains
       middle = 0.5_wp*sum(ends)
     else if (ends(1) > -huge(1.0_wp)) then
       middle = ends(1) + max(1.0_wp, abs(ends(1)))
-    else if (ends(2) < huge(1.0_wp)) then
-      middle = ends(2) - max(1.0_wp, abs(ends(2)))
     else
-      middle = 0.0_wp
+      middle = ends(2) - max(1.0_wp, abs(ends(2)))     ! 0 where neither exists
     end if
   end function middle
 end module history_pieces
