@@ -32,6 +32,23 @@ SLIPS = {
         PLAIN + "&spring name='k' type='torsional' body_a='d' stiffness=1.0 free_angle=30.0 /\n",
         "9: spring/k: warning: free_angle=30",
     ),
+    "a drive's direction": (
+        PLAIN + "&body name='s' mass=1.0 inertia=1.0 /\n&history name='h' coefficients=0.0 /\n"
+        "&drive name='k' type='position' body_a='s' direction=90.0 history='h' /\n",
+        "11: drive/k: warning: direction=90",
+    ),
+    "a stop's direction": (
+        PLAIN + "&stop name='k' type='position' body_a='d' direction=90.0 upper=100.0 stiffness=1.0 /\n",
+        "9: stop/k: warning: direction=90",
+    ),
+    "a lower limit": (
+        PLAIN + "&stop name='k' type='rotation' body_a='d' lower=-30.0 upper=1.0 stiffness=1.0 /\n",
+        "9: stop/k: warning: lower=-30",
+    ),
+    "an upper limit": (
+        PLAIN + "&stop name='k' type='rotation' body_a='d' lower=-1.0 upper=30.0 stiffness=1.0 /\n",
+        "9: stop/k: warning: upper=30",
+    ),
     "a controller in statics": (
         PLAIN + "&history name='h' kind='polynomial' coefficients=1.0 /\n&sensor name='a' quantity='angle' body='d' /\n"
         "&controller name='c' argument='a' history='h' kp=1.0 /\n"

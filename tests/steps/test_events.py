@@ -173,10 +173,12 @@ def test_a_piece_that_ends_at_an_event_errs_no_more_than_a_step(run_deck):
 
 
 def test_events_without_end_are_told_with_names(run_deck):
-    deck = "&body name='b' mass=1.0 inertia=1.0 angular_velocity=1.0 /\n&sensor name='x' quantity='angle' body='b' /\n"
+    deck = "&body name='b' mass=1.0 inertia=1.0 /\n&sensor name='x' quantity='angle' body='b' /\n"
     deck += "&stop name='tight' type='rotation' body_a='b' lower=-1e-9 upper=1e-9 stiffness=1e14 exponent=1 /\n"
+    deck += "&history name='kick' kind='table' time=0.5,0.500001,0.500002 value=0,1e6,0 /\n"  # to 1 rad/s
+    deck += "&force name='f' type='torque' body='b' moment=1 history='kick' /\n"
     run = run_deck(deck + "&transient t_end=1000 method='dopri5' tolerance=1e-6 output_step=1 /\n", expect=1)
-    assert "events follow one another without end at t = " in run.stderr
+    assert "events follow one another without end at t = 5.00" in run.stderr
     assert 's, in "tight": more than 1000 in a millionth of the run' in run.stderr
     assert "an explicit step be too large" in run.stderr
     deck = """&body name='b' mass=1.0 inertia=1.0 position=0.1,0 /
