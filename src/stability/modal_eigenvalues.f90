@@ -129,10 +129,10 @@ contains
     complex(wp) :: pair(2)                     ! [1/s]
     integer :: k
     pair = pair_of(square, c)
-    allocate (is_mode(size(roots)), source=size(roots) == 2)
+    allocate (is_mode(size(roots)), source=.false.)
     if (size(roots) == 0) return
     k = minloc(abs(roots - pair(2)), dim=1)        ! the faster one of two that decay
-    is_mode = is_mode .or. min(abs(roots - roots(k)), abs(roots - conjg(roots(k)))) <= 1.0e-9_wp*abs(roots(k))
+    is_mode = min(abs(roots - roots(k)), abs(roots - conjg(roots(k)))) <= 1.0e-9_wp*abs(roots(k))
     if (count(is_mode) == 1) is_mode(minloc(abs(roots - pair(1)), dim=1, mask=.not. is_mode)) = .true.
   end subroutine find_mode_pair
 

@@ -74,6 +74,11 @@ def test_powers_bind_from_the_right_and_before_signs(biela, tmp_path):
     assert list(got.values()) == list(texts.values())
 
 
+def test_a_value_may_stand_before_its_name(biela, tmp_path):
+    text = DISC + "&parameter value={3*a} name='b' /\n&parameter value=2 name='a' /\n"
+    assert {name: float(value) for name, value in STATED.findall(flat(biela, tmp_path, text))} == {"a": 2.0, "b": 6.0}
+
+
 def test_5000_parameters_that_need_each_other_in_any_order(biela, tmp_path):
     chain = {f"p{k}": f"p{k + 1}+1" for k in range(5000)} | {"p5000": "0"}
     assert values(biela, tmp_path, chain)["p0"] == 5000

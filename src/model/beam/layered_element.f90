@@ -81,7 +81,7 @@ contains
     difference(2:3) = [-1.0_wp, 1.0_wp]
     turn = 0.0_wp
     turn(2:3) = 0.5_wp
-    bubble = -1.5_wp*(1 - x%softening)*turn
+    bubble = -1.5_wp*turn                      ! of sections with cores, which do not shear as a whole
     do l = 1, size(s%layers)
       if (s%cores == 0) then
         call add_bonded(s%layers(l))
