@@ -188,3 +188,31 @@ def test_the_study_of_damping_in_rod_and_bush_has_the_figures_of_the_four_decks(
         assert row["lost"] == pytest.approx(run.energy["dissipated"][-1], rel=1e-6, abs=1e-8)
     lost = [row[names.index("lost")] for row in found.rows]
     assert lost[3] > lost[1] > lost[2] > 1e6 * lost[0]
+
+
+EVERY_FILE = """&scene title='all files' /
+&body name='b' mass=1 inertia=1 /
+&joint name='g' type='prismatic' body_a='b' /
+&spring name='k' body_a='b' stiffness=100 damping=2 /
+&stop name='s' type='position' body_a='b' upper=1 stiffness=1e4 /
+&history name='h' kind='sine' amplitude=1 frequency=1 /
+&history name='zero' coefficients=0 /
+&sensor name='x' quantity='position' body='b' /
+&controller name='c' argument='x.x' history='zero' kp=10 kd=1 filter=0.1 /
+&force name='f' body='b' fx=1 controller='c' /
+&force name='g' body='b' fx=1 history='h' stage='transient' /
+&modal modes=1 /
+&static /
+&frequency_response from=1 to=2 points=2 input='g' /
+&transient method='rk4' step=0.01 t_end=1 output_step=0.1 motion_step=0.1 /
+&periodic period=1 /
+"""
+
+
+def test_every_file_says_what_it_is_and_of_which_deck(run_deck):
+    files = {path.stem: path.read_text().split("\n") for path in run_deck(EVERY_FILE).folder.glob("*.txt")}
+    assert files.pop("summary")[:2] == ["deck: scene", "title: all files"]
+    assert set(files) >= {"static", "modes", "poles", "frequency_response", "history", "motion", "energy", "orbit", "floquet"}
+    for lines in files.values():
+        assert lines[0].startswith("# biela: ")
+        assert lines[1:3] == ["# deck: scene", "# title: all files"]
