@@ -15,7 +15,7 @@ module bordered
   public :: bordered_system
 
   real(wp), parameter :: weak_pivot = epsilon(1.0_wp)**0.75_wp   !! least pivot of a block: a quarter of the digits stays [-]
-  real(wp), parameter :: no_pivot = sqrt(sqrt(tiny(1.0_wp)))   !! likewise of the border, with no digits: above it solutions stay finite [-]
+  real(wp), parameter :: no_pivot = sqrt(sqrt(tiny(1.0_wp)))   !! likewise of the border: solutions stay finite [-]
 
   !> One block.
   type :: block_part

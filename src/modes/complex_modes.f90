@@ -268,8 +268,8 @@ contains
       do k = 1, size(order)
         i = order(k)
         if (caught_signal() > 0) return
-        if (belongs_to_asked(s, poles%shape(:, i), sum(abs(poles%shape(:, i))**2))) &
-          call list_pole(ds, s, poles%lambda(i), poles%shape(:, i), modes)
+        if (.not. belongs_to_asked(s, poles%shape(:, i), sum(abs(poles%shape(:, i))**2))) cycle
+        call list_pole(ds, s, poles%lambda(i), poles%shape(:, i), modes)
       end do
     end do
     if (s%complete) then

@@ -13,7 +13,7 @@ module gyroscopic_modes
 
   integer, parameter :: passes = 4                 !! of inverse iteration
   real(wp), parameter :: new = sqrt(epsilon(1.0_wp))   !! size of what a motion adds to a basis, over its own [-]
-  real(wp), parameter :: no_stiffness = sqrt(epsilon(1.0_wp))   !! singular value of K below which a motion is rigid, K scaled to 1 [-]
+  real(wp), parameter :: no_stiffness = sqrt(epsilon(1.0_wp))   !! singular value of a scaled K below which a motion is rigid [-]
 
   !> Positions and rates side by side.
   type, extends(constrained_operator) :: mass_operator

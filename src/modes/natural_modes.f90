@@ -15,7 +15,7 @@ module natural_modes
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
   integer, parameter :: most_passes = 80, most_rounds = 6
   real(wp), parameter :: small_shift = sqrt(epsilon(1.0_wp))   !! first shift over the largest ratio of stiffness and mass [-]
-  real(wp), parameter :: mixing = 1.0e3_wp*epsilon(1.0_wp)  !! part of any motion that rounding mixes into another, change of omega^2 [-]
+  real(wp), parameter :: mixing = 1.0e3_wp*epsilon(1.0_wp)  !! of a motion that rounding mixes into another; change of omega^2 [-]
   real(wp), parameter :: rounding_change = 1.0e-10_wp !! change that is rounding where it shrinks no more [-]
 
   !> K + shift M on the constraints, and M.

@@ -18,7 +18,7 @@ module body_modes
   integer, parameter :: polish_passes = 2, most_passes = 200
   integer, parameter :: static_passes = 3 !! solutions with a shifted stiffness that make one static solution
   integer, parameter :: most_corrections = 10    !! of a solution: a factor that needs more has lost its digits
-  real(wp), parameter :: last_correction = sqrt(epsilon(1.0_wp))   !! root of its energy over the solution's; frequencies err by the square [-]
+  real(wp), parameter :: last_correction = sqrt(epsilon(1.0_wp))   !! root of its energy over the solution's [-]
   real(wp), parameter :: dependent = sqrt(epsilon(1.0_wp))   !! what is left of a shape that the others already contain [-]
 
   !> K + shift M and m_ff of a body.
