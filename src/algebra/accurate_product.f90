@@ -7,7 +7,7 @@ module accurate_product
   private
   public :: add_accurate
 
-  real(wp), parameter :: splitter = 134217729.0_wp    !! 2^27 + 1 [-]
+  real(wp), parameter :: splitter = 134217729.0_wp    !! 2^27 + 1: halves the digits of a number [-]
 
 contains
 

@@ -225,10 +225,10 @@ contains
     real(wp), allocatable :: a(:, :), wr(:), wi(:), vr(:, :), work(:)
     real(wp), allocatable :: noise(:)                  ! what is rounding in rows [1/s]
     real(wp) :: left(1, 1)
-    complex(wp) :: shape(size(members)), lambda        ! [-], [1/s]
-    complex(wp), allocatable :: state(:)
-    logical, allocatable :: kept(:)
-    integer, allocatable :: states(:)
+    complex(wp) :: shape(size(members))                ! [-]
+    complex(wp), allocatable :: state(:), lambda(:)    ! [any], [1/s]
+    logical, allocatable :: kept(:), zero(:)
+    integer, allocatable :: states(:), found(:)
     integer :: n, c, e, zeros, j, k, r, info
     call first_order(model, members, damped, a)
     c = size(members)
@@ -245,30 +245,24 @@ contains
     allocate (wr(n), wi(n), vr(n, n), work(34*n))
     call dgeev('N', 'V', n, a, n, wr, wi, left, 1, vr, n, work, size(work), info)
     ok = info == 0
-    kept = wi >= 0.0_wp
+    lambda = cmplx(wr, wi, wp)
+    allocate (zero(n), source=.false.)
     do j = 1, zeros
-      k = minloc(hypot(wr, wi), 1)
-      wr(k) = huge(1.0_wp)                             ! a pole at zero is left out
-      kept(k) = .false.
+      zero(minloc(abs(lambda), 1, .not. zero)) = .true.
     end do
-    if (damped) then
-      do j = 1, n
-        if (.not. kept(j)) cycle
-        lambda = cmplx(wr(j), wi(j), wp)
-        do r = 1, size(model%law)                      ! but a pole of a viscoelastic term alone, in which nothing moves
-          associate (law => model%law(r))
-            kept(j) = kept(j) .and. .not. any(abs(1 + law%viscosity*lambda + law%inertia*lambda**2) <= 1.0e-9_wp)
-          end associate
+    kept = wi >= 0.0_wp .and. .not. zero               ! a pole at zero is left out
+    do r = 1, merge(size(model%law), 0, damped)        ! and one of a viscoelastic term alone, in which nothing moves
+      associate (law => model%law(r))
+        do k = 1, size(law%alpha)
+          kept = kept .and. abs(1 + law%viscosity(k)*lambda + law%inertia(k)*lambda**2) > 1.0e-9_wp
         end do
-      end do
-    end if
-    allocate (self%lambda(count(kept)), self%shape(model%p, count(kept)))
-    self%shape = 0.0_wp
-    k = 0
-    do j = 1, n
-      if (.not. kept(j)) cycle
-      k = k + 1
-      self%lambda(k) = cmplx(wr(j), wi(j), wp)
+      end associate
+    end do
+    self%lambda = pack(lambda, kept)
+    found = pack([(j, j=1, n)], kept)
+    allocate (self%shape(model%p, size(found)), source=(0.0_wp, 0.0_wp))
+    do k = 1, size(found)
+      j = found(k)
       state = vr(:, j)
       if (wi(j) > 0.0_wp) state = cmplx(vr(:, j), vr(:, j + 1), wp)
       where (model%rigid(members)) shape = state(e + 1:e + c)*model%scale(members)/self%lambda(k)

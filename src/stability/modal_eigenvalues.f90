@@ -3,6 +3,7 @@ module modal_eigenvalues
   use kinds, only: wp
   use linear_matrices, only: linear_segment
   use reduced_system, only: reduced_model, reduced_poles
+  use spectrum, only: no_part
   implicit none (type, external)
   private
   public :: modal_roots, find_mode_pair, term_poles, pair_of, refine_root, added_stiffness
@@ -13,17 +14,16 @@ contains
 
   !> Roots of s2 + c s + k + sum of a_r g_r(s): all of them. With very many terms the mode's own pair alone: `material_poles` has
   !> bounds of the others.
-  subroutine modal_roots(segments, k, c, parts, small, roots)
+  subroutine modal_roots(segments, k, c, parts, roots)
     type(linear_segment), intent(in) :: segments(:)
     real(wp), intent(in) :: k                  !! static stiffness [1/s2]
     real(wp), intent(in) :: c                  !! damping [1/s]
     real(wp), intent(in) :: parts(:)           !! stiffness of every segment [1/s2]
-    real(wp), intent(in) :: small              !! segments below are left out [1/s2]
     complex(wp), allocatable, intent(out) :: roots(:)    !! [1/s]
     real(wp) :: kept(size(parts))              ! those that are not left out, else 0 [1/s2]
     integer :: r
     logical :: ok
-    kept = merge(parts, 0.0_wp, parts > small)
+    kept = merge(parts, 0.0_wp, parts > no_part*(k + sum(parts)))
     ok = .false.
     if (sum([(size(segments(r)%law%alpha), r=1, size(kept))], kept > 0.0_wp) > most_terms) then
       call mode_pair(segments, k, c, kept, roots, ok)

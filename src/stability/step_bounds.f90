@@ -8,7 +8,7 @@ module step_bounds
   use modal_eigenvalues, only: modal_roots, find_mode_pair, term_poles, added_stiffness
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
-  use spectrum, only: fast_spectrum, fast_mode, no_part, only_stiffness
+  use spectrum, only: fast_spectrum, fast_mode, only_stiffness
   use stability_region, only: largest_step
   use tableaux, only: method_names
   use text, only: either, to_text
@@ -114,7 +114,7 @@ contains
     logical, allocatable :: is_mode(:)
     type(bound_cause) :: cause
     integer :: k
-    call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, no_part*(f%stiffness + sum(f%segments)), roots)
+    call modal_roots(fast%lin%segments, f%stiffness, f%damping, f%segments, roots)
     call find_mode_pair(roots, max(f%stiffness + added_stiffness(fast%lin%segments, f%segments), 0.0_wp), f%damping, is_mode)
     eigenvalues = roots
     if (present(poles)) eigenvalues = poles
@@ -136,7 +136,7 @@ contains
     complex(wp), allocatable :: without(:)     ! [1/s]
     yes = f%damping > 0.0_wp
     if (.not. yes) return
-    call modal_roots(fast%lin%segments, f%stiffness, 0.0_wp, f%segments, no_part*(f%stiffness + sum(f%segments)), without)
+    call modal_roots(fast%lin%segments, f%stiffness, 0.0_wp, f%segments, without)
     yes = step_of(1, roots) < 0.99_wp*step_of(1, without)
   end function damping_limits
 

@@ -52,7 +52,7 @@ contains
     call op%set_up(b, bad)
     if (bad) return
     if (b%nf <= dense_size .or. 2*(modes + size(op%rigid, 2)) >= b%nf) then
-      call dense_modes(b, op, modes, x, bad)
+      call dense_modes(b, size(op%rigid, 2), modes, x, bad)
     else
       call subspace_modes(op, modes, x, bad)
     end if
@@ -241,17 +241,16 @@ contains
     call mass_product(self%body%op, x, y)
   end function mass_times
 
-  !> All modes of a small body.
-  subroutine dense_modes(b, op, modes, x, bad)
+  !> The lowest modes of a small body, from all of them.
+  subroutine dense_modes(b, rigid, modes, x, bad)
     type(body_model), intent(in) :: b
-    type(body_operator), intent(in) :: op
+    integer, intent(in) :: rigid                         !! free rigid motions, which come first
     integer, intent(in) :: modes
     real(wp), allocatable, intent(out) :: x(:, :)        !! (nf, modes) [m, rad, over kg^.5 m]
     logical, intent(out) :: bad
-    real(wp), allocatable :: k(:, :), m(:, :), lambda(:), part(:), work(:)
+    real(wp), allocatable :: k(:, :), m(:, :), lambda(:), work(:)
     integer, allocatable :: iwork(:)
-    real(wp) :: mx(b%nf), length                         ! [kg m, kg m2], [kg^.5 m]
-    integer :: nr, j, n, info
+    integer :: n, info
     n = b%nf
     k = dense(n, b%op%symmetric, b%op%k)
     m = dense(n, b%op%symmetric, b%op%m + b%op%j)
@@ -259,11 +258,7 @@ contains
     call dsygvd(1, 'V', 'L', n, k, n, m, n, lambda, work, size(work), iwork, size(iwork), info)
     bad = info /= 0
     if (bad) return
-    nr = size(op%rigid, 2)
-    x = k(:, nr + 1:nr + modes)
-    do j = 1, merge(modes, 0, nr > 0)
-      call orthonormalise(op, op%rigid, x(:, j), mx, part, length)
-    end do
+    x = k(:, rigid + 1:rigid + modes)
   end subroutine dense_modes
 
   !> A matrix from its entries on a pattern.
