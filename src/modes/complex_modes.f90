@@ -3,7 +3,7 @@
 !> terms from the system reduced on its motions. Each is followed to its vibration while the damping grows; what the internal
 !> variables add starts from the poles of the reduced system.
 module complex_modes
-  use kinds, only: wp
+  use kinds, only: wp, half_digits
   use dynamic_stiffness, only: stiffness_system
   use gyroscopic_modes, only: mass_operator, add_motion, lowest_motions, rigid_motions_first
   use mode_list, only: check_undamped, check_whole, describe_searched, mode_set, residual_of, undamped_mode, vibration_mode, &
@@ -21,7 +21,7 @@ module complex_modes
   integer, parameter :: spare_motions = 40             !! likewise: a system that has no more is solved as a whole
   integer, parameter :: coupled_motions = 140          !! likewise where gyroscopic terms or an unsymmetric K couple all motions
   integer, parameter :: coupled_unknowns = 1000        !! likewise, or all are asked for: unknowns that are solved at once
-  real(wp), parameter :: largest_residual = sqrt(epsilon(1.0_wp))   !! residual of a pole [-]
+  real(wp), parameter :: largest_residual = half_digits   !! residual of a pole [-]
   real(wp), parameter :: rounding_part = 1.0e-10_wp    !! real or imaginary part that is rounding, over the modulus [-]
   real(wp), parameter :: beside = epsilon(1.0_wp)**0.25_wp   !! imaginary part of a second start, over the real one [-]
   real(wp), parameter :: least_share = 0.5_wp          !! share of its motion beyond which a pole belongs to modes [-]

@@ -2,7 +2,7 @@
 !> K, are brought to the lowest solutions of s2 M + s G + K. Rigid motions, the null space of K, come first: their double zeros
 !> would otherwise spread over a circle that hides all frequencies far below the highest.
 module gyroscopic_modes
-  use kinds, only: wp
+  use kinds, only: wp, half_digits
   use block_lanczos, only: inertia_operator, orthonormalise
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgesdd, dgeqp3, dorgqr
@@ -12,8 +12,8 @@ module gyroscopic_modes
   public :: mass_operator, add_motion, lowest_motions, rigid_motions_first
 
   integer, parameter :: passes = 4                 !! of inverse iteration
-  real(wp), parameter :: new = sqrt(epsilon(1.0_wp))   !! size of what a motion adds to a basis, over its own [-]
-  real(wp), parameter :: no_stiffness = sqrt(epsilon(1.0_wp))   !! singular value of a scaled K below which a motion is rigid [-]
+  real(wp), parameter :: new = half_digits   !! size of what a motion adds to a basis, over its own [-]
+  real(wp), parameter :: no_stiffness = half_digits   !! singular value of a scaled K below which a motion is rigid [-]
 
   !> Positions and rates side by side.
   type, extends(constrained_operator) :: mass_operator

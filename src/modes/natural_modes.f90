@@ -2,7 +2,7 @@
 !> subspace iteration with the bordered matrix, which keeps every multiple frequency and every rigid motion. Small systems
 !> start from the dense solution on the null space of J, large ones from fixed pseudo-random vectors.
 module natural_modes
-  use kinds, only: wp
+  use kinds, only: wp, half_digits
   use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace, inverse_iteration
   use dynamic_stiffness, only: stiffness_system
   use lapack, only: dgeqp3, dorgqr, dsygvd
@@ -14,7 +14,7 @@ module natural_modes
 
   integer, parameter :: small = 300                !! unknowns up to which the dense start is cheap
   integer, parameter :: most_passes = 80, most_rounds = 6
-  real(wp), parameter :: small_shift = sqrt(epsilon(1.0_wp))   !! first shift over the largest ratio of stiffness and mass [-]
+  real(wp), parameter :: small_shift = half_digits   !! first shift over the largest ratio of stiffness and mass [-]
   real(wp), parameter :: mixing = 1.0e3_wp*epsilon(1.0_wp)  !! of a motion that rounding mixes into another; change of omega^2 [-]
   real(wp), parameter :: rounding_change = 1.0e-10_wp !! change that is rounding where it shrinks no more [-]
 

@@ -3,14 +3,14 @@
 !> cubically, and the root is of second order in the errors of x and y: what rounding leaves in the factor of a nearly
 !> singular T does not reach lambda.
 module pole_iteration
-  use kinds, only: wp
+  use kinds, only: wp, half_digits
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
   public :: pole_state, start_pole, refine_pole, follow_damping, double_root, alike
 
   integer, parameter :: most_passes = 30           ! a double root is approached by halves
-  real(wp), parameter :: pole_change = sqrt(epsilon(1.0_wp))   !! change that ends the iteration: the next one is its cube [-]
+  real(wp), parameter :: pole_change = half_digits   !! change that ends the iteration: the next one is its cube [-]
   real(wp), parameter :: smallest_step = epsilon(1.0_wp)**0.25_wp   !! of the growing damping [-]
 
   !> A pole.

@@ -16,7 +16,7 @@
 !> eigenvalues of J M^-1 J^T), this is exact for one spring between two bodies: k (rho_a + rho_b). Its tension F adds
 !> F/length <= k across it, which is covered, too, and |F| |lever| against turns of a body about its mass centre.
 module safe_bound
-  use kinds, only: wp, pi
+  use kinds, only: wp, half_digits, pi
   use evaluation_results, only: evaluation
   use mass_solve, only: solve_body
   use measure, only: measured
@@ -28,7 +28,7 @@ module safe_bound
   private
   public :: find_safe_bound, turning_stiffness
 
-  real(wp), parameter :: parallel = sqrt(epsilon(1.0_wp))   !! sine of the angle between a guide and a spring along it [-]
+  real(wp), parameter :: parallel = half_digits   !! sine of the angle between a guide and a spring along it [-]
   integer, parameter :: powers = 3                 !! lines stand at slopes of 4**-powers to 4**powers between the axes
   integer, parameter :: lines = 3*(2*powers + 2)  !! that enclose c and k, counted from k >= 0 on; the last one: c >= 0
   integer, parameter :: points = 8                 !! of the stretch of a line between its corners

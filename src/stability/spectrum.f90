@@ -2,7 +2,7 @@
 !> `mass_solve`: with or without joints, at the present configuration. The stiffness is the instantaneous one,
 !> E_R (1 + sum of alpha), of bodies and springs. Unknowns as in `linearisation`.
 module spectrum
-  use kinds, only: wp
+  use kinds, only: wp, half_digits
   use lapack, only: dsteqr
   use linear_matrices, only: linear_mechanism
   use linear_bodies, only: elastic_matrices
@@ -18,7 +18,7 @@ module spectrum
   public :: fast_spectrum, fast_mode
 
   real(wp), parameter, public :: only_damping(2) = [1.0_wp, 0.0_wp], only_stiffness(2) = [0.0_wp, 1.0_wp]   !! a unit of one [-]
-  real(wp), parameter, public :: no_part = sqrt(epsilon(1.0_wp))   !! of a motion's stiffness in a segment that takes no part [-]
+  real(wp), parameter, public :: no_part = half_digits   !! of a motion's stiffness in a segment that takes no part [-]
 
   integer, parameter :: most_vectors = 100     !! Lanczos vectors kept
 

@@ -6,7 +6,7 @@
 !> so that viscoelastic terms act exactly, without internal variables (theory.md, section 5). The matrices are kept once on one
 !> sparse pattern; each s costs one structured factorisation (`bordered`).
 module dynamic_stiffness
-  use kinds, only: wp
+  use kinds, only: wp, half_digits
   use accurate_product, only: add_accurate
   use bordered, only: bordered_system
   use linear_matrices, only: linear_mechanism, ghm_group, union_of_patterns, gather, make_groups
@@ -201,7 +201,6 @@ contains
     class(stiffness_system), intent(inout) :: self
     complex(wp), intent(inout) :: x(:)         !! (n+rows) right-hand side, then solution [N, N m], [m, rad]
     logical, intent(out), optional :: exists   !! false: the matrix is singular, there is no solution
-    real(wp), parameter :: half = sqrt(epsilon(1.0_wp))   ! of the digits [-]
     complex(wp), allocatable :: b(:), r(:)
     real(wp) :: change, last                   ! sizes of corrections [m, rad; N]
     integer :: pass
@@ -217,7 +216,7 @@ contains
       change = maxval(abs(r%re) + abs(r%im))
       if (pass >= 2 .and. .not. change < 0.5_wp*last) exit
       last = change
-      if (is_part(half, r(1:self%n), x(1:self%n)) .and. is_part(half, r(self%n + 1:), x(self%n + 1:))) exit
+      if (is_part(half_digits, r(1:self%n), x(1:self%n)) .and. is_part(half_digits, r(self%n + 1:), x(self%n + 1:))) exit
     end do
     if (.not. present(exists)) return
     exists = is_part(0.1_wp, r(1:self%n), x(1:self%n))

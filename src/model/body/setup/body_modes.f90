@@ -1,7 +1,7 @@
 !> The lowest modes of a flexible body under its reference conditions (free-free modes for reference 'free'), mass-normalised
 !> with lumps included: densely for small bodies, by subspace iteration beyond. Set-up work only.
 module body_modes
-  use kinds, only: wp
+  use kinds, only: wp, half_digits
   use banded, only: band_factor, band_solve
   use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace, inverse_iteration, orthonormalise
   use body, only: body_model
@@ -18,8 +18,8 @@ module body_modes
   integer, parameter :: polish_passes = 2, most_passes = 200
   integer, parameter :: static_passes = 3 !! solutions with a shifted stiffness that make one static solution
   integer, parameter :: most_corrections = 10    !! of a solution: a factor that needs more has lost its digits
-  real(wp), parameter :: last_correction = sqrt(epsilon(1.0_wp))   !! root of its energy over the solution's [-]
-  real(wp), parameter :: dependent = sqrt(epsilon(1.0_wp))   !! what is left of a shape that the others already contain [-]
+  real(wp), parameter :: last_correction = half_digits   !! root of its energy over the solution's [-]
+  real(wp), parameter :: dependent = half_digits   !! what is left of a shape that the others already contain [-]
 
   !> K + shift M and m_ff of a body.
   type, extends(inertia_operator) :: body_operator
