@@ -224,6 +224,7 @@ def test_characteristic_in_equilibrium_and_modes(run_deck):
     run = run_deck(deck)
     row = read(run.folder / "static.txt")
     assert abs(row["k.f"][-1] + 6) < 1e-9
+    assert row["newton_steps"].sum() < 60  # 39; without a limit of their length 99
     pole = next(p for p in run.figures["modes"]["poles"] if p["kind"] == "undamped")
     step = 1e-5  # slope of the pchip there, by the forces of two other equilibria
     forces = []

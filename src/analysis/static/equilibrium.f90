@@ -30,8 +30,6 @@ module equilibrium
   integer, parameter :: most_newton = 60
   integer, parameter :: most_halvings = 10
   integer, parameter :: most_contact_steps = 400     !! of find_contacts
-  real(wp), parameter :: slowest = 1.0e-3_wp         !! least 1/tau of its steps, over the first [-]
-  real(wp), parameter :: contact_growth = 50.0_wp    !! most growth of the residual in its steps: a contact may begin [-]
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
   real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]
 
@@ -91,8 +89,7 @@ contains
 
   !> Brings bodies to the stops and loads that hold them, by implicit steps of tau, each from rest: T = M/tau^2 + K
   !> (pseudo-transient continuation, Kelley & Keyes 1998). Steps grow up to Newton's own while the residual falls. They are short
-  !> where a contact begins, since the residual may grow by no more than `contact_growth`, and where motions grow: T is positive
-  !> definite, so that bodies leave an unstable equilibrium.
+  !> where motions grow: T is positive definite, so that bodies leave an unstable equilibrium.
   subroutine find_contacts(run, options, tolerance, report)
     type(run_state), intent(inout) :: run
     type(evaluation_options), intent(in) :: options  !! the loads that act
@@ -127,8 +124,8 @@ contains
       if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run%sys%m, dx, 0.0_wp) <= largest_turn) then
         call move(run, dx)
         call equations(run, options, ds, r, report, lambda)
-        if (report%force <= contact_growth*before%force .and. report%gap <= max(2*before%gap, largest_turn**2)) then
-          rate = max(slowest*first, rate*min(0.5_wp, max(0.1_wp, report%force/before%force)))
+        if (report%gap <= max(2*before%gap, largest_turn**2)) then
+          rate = rate*min(0.5_wp, max(0.1_wp, report%force/before%force))
           cycle
         end if
       end if
