@@ -45,29 +45,23 @@ contains
     fail%deck_line = deck_line_of(d, culprit)
   end subroutine explain_open_joints
 
-  !> How far a constraint stays open where others are closed, and why.
+  !> How far a constraint stays open where those before it in the deck are closed, and why.
   subroutine open_constraint(d, culprit, words)
     type(deck), intent(in) :: d
     integer, intent(in) :: culprit                  !! the first constraint that does not close with those before it
     character(:), allocatable, intent(out) :: words
     type(mechanism_model) :: m, without
     type(evaluation) :: ev, other
-    type(assembly_report) :: before, others
-    character(:), allocatable :: where_closed, unit
-    real(wp), allocatable :: q(:), q_others(:)        ! (nq) [m, rad]
+    type(assembly_report) :: before
+    character(:), allocatable :: unit
+    real(wp), allocatable :: q(:)                     ! (nq) [m, rad]
     logical, allocatable :: weak(:)
+    character(*), parameter :: where_closed = ' where those before it in the deck are closed'
     integer :: k
     real(wp) :: start(0:2)                            ! of a drive [m, rad], per s, per s2
     logical :: surplus                                ! those before it leave no motion that could close it
     call assemble_part(d, [(k, k=1, culprit)], m, ev, q, before)
     call assemble_part(d, [(k, k=1, culprit - 1)], without, other, q, before)
-    call assemble_part(d, [(k, k=1, culprit - 1), (k, k=culprit + 1, size(d%joints) + size(d%drives))], without, other, q_others, &
-                       others)
-    where_closed = ' where those before it in the deck are closed'
-    if (.not. others%open) then
-      where_closed = ' where all others are closed'
-      q = q_others
-    end if
     call evaluate_start(m, ev, q)
     call condense_geometry(m, ev)
     allocate (weak(m%s%rows))

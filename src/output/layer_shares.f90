@@ -16,15 +16,11 @@ contains
   function share_names(m) result(names)
     type(mechanism_model), intent(in) :: m
     character(64), allocatable :: names(:)
-    integer :: b, l
-    allocate (names(0))
-    do b = 1, size(m%s%bodies)
-      do l = 1, layers_of(m%s%bodies(b))
-        if (.not. damps(m%s%bodies(b), l)) cycle
-        names = [character(64) :: names, trim(m%s%bodies(b)%name)//'.layer'//to_text(l)//'.energy[-]', &
-                 trim(m%s%bodies(b)%name)//'.layer'//to_text(l)//'.loss[-]']
-      end do
-    end do
+    integer :: k
+    associate (list => damping_layers(m))
+      names = [character(64) :: (trim(m%s%bodies(list(1, k))%name)//'.layer'//to_text(list(2, k))//'.energy[-]', &
+                                 trim(m%s%bodies(list(1, k))%name)//'.layer'//to_text(list(2, k))//'.loss[-]', k=1, size(list, 2))]
+    end associate
   end function share_names
 
   !> The columns of one mode; 0 where nothing is stored or lost.
@@ -35,25 +31,19 @@ contains
     complex(wp), intent(in) :: s              !! its pole [1/s]
     real(wp), allocatable :: values(:)        !! [-]
     complex(wp), allocatable :: part(:, :)    ! (0:layers, bodies) of each layer, 0: of the rest [J]
-    integer :: b, l, most
-    most = 0
-    do b = 1, size(m%s%bodies)
-      most = max(most, layers_of(m%s%bodies(b)))
-    end do
-    allocate (values(0))
-    if (most == 0) return
-    allocate (part(0:most, size(m%s%bodies)), source=(0.0_wp, 0.0_wp))
-    do b = 1, size(m%s%bodies)
-      associate (body => m%s%bodies(b), i => m%s%qo(b) + 3)
-        if (body%flexible) call add_body(body, q(i + 1:i + body%nf), x(i + 1:i + body%nf), s, part(:, b))
-      end associate
-    end do
-    do b = 1, size(m%s%bodies)
-      do l = 1, layers_of(m%s%bodies(b))
-        if (damps(m%s%bodies(b), l)) values = [values, over(real(part(l, b)), sum(real(part))), over(aimag(part(l, b)), &
-                                                                                                   sum(aimag(part)))]
+    integer :: b, k
+    associate (list => damping_layers(m))
+      allocate (values(0))
+      if (size(list) == 0) return
+      allocate (part(0:maxval(list(2, :)), size(m%s%bodies)), source=(0.0_wp, 0.0_wp))
+      do b = 1, size(m%s%bodies)
+        associate (body => m%s%bodies(b), i => m%s%qo(b) + 3)
+          if (body%flexible) call add_body(body, q(i + 1:i + body%nf), x(i + 1:i + body%nf), s, part(:, b))
+        end associate
       end do
-    end do
+      values = [(over(real(part(list(2, k), list(1, k))), sum(real(part))), &
+                 over(aimag(part(list(2, k), list(1, k))), sum(aimag(part))), k=1, size(list, 2))]
+    end associate
   end function shares
 
   !> x/y, 0 where y is.
@@ -93,27 +83,23 @@ contains
     end do
   end subroutine add_body
 
-  !> Layers of a body's sections, 0: it has none.
-  pure integer function layers_of(body) result(n)
-    type(body_model), intent(in) :: body
-    integer :: k
-    n = 0
-    if (.not. body%flexible) return
-    do k = 1, size(body%layers%sections)
-      n = max(n, size(body%layers%sections(k)%layers))
+  !> Body and layer of what terms follow in some element; of one layer alone the share says nothing.
+  pure function damping_layers(m) result(list)
+    type(mechanism_model), intent(in) :: m
+    integer, allocatable :: list(:, :)        !! (2, layers)
+    integer :: b, l, k, most
+    logical :: damps
+    allocate (list(2, 0))
+    do b = 1, size(m%s%bodies)
+      associate (body => m%s%bodies(b))
+        if (.not. body%flexible .or. size(body%segments) == 0) cycle
+        most = maxval([(size(body%layers%sections(k)%layers), k=1, size(body%layers%sections))])
+        do l = 1, merge(most, 0, most > 1)
+          damps = any([(any(body%layers%kinds(k)%layer == l .and. body%layers%kinds(k)%material > 0), k=1, &
+                        size(body%layers%kinds))])
+          if (damps) list = reshape([list, b, l], [2, size(list, 2) + 1])
+        end do
+      end associate
     end do
-    if (n == 1) n = 0                         ! of one layer the share says nothing
-  end function layers_of
-
-  !> Whether terms follow a layer in some element.
-  pure logical function damps(body, layer)
-    type(body_model), intent(in) :: body
-    integer, intent(in) :: layer
-    integer :: k
-    damps = .false.
-    if (size(body%segments) == 0) return
-    do k = 1, size(body%layers%kinds)
-      damps = damps .or. any(body%layers%kinds(k)%layer == layer .and. body%layers%kinds(k)%material > 0)
-    end do
-  end function damps
+  end function damping_layers
 end module layer_shares

@@ -244,6 +244,51 @@ def test_friction(run_deck):
     assert abs(lost[0]["lost"] - 2 * brake * abs(turns[0] - turns[1])) < 1e-8
 
 
+@pytest.mark.parametrize("phase", [0.6, 2.0])
+def test_rest_that_kinetic_friction_would_not_hold(run_deck, phase):
+    """It rests twice a period. At phase 2 it does so at t = 0, held by more than kinetic friction: so it does beside the cycle."""
+    deck = SLIDER.replace("friction=0.1", "friction=0.5 friction_static=0.8").replace("position=0.1,0 velocity=0.8,0", "")
+    deck = deck.replace("14/(2*pi)", f"4/(2*pi)}} phase={{{phase}").replace("2*pi/14", "2*pi/4")
+    run = run_deck(deck + "&sensor name='r' quantity='friction' joint='rail' /\n")
+    assert (0.55 * GRAVITY < run.history["r.f"][0] < 0.8 * GRAVITY) == (phase == 2.0)
+    shift = np.array([-0.5 * GRAVITY / 100, 0])
+
+    def across(x):
+        """Return where a slide from rest at x ends, seen from the other side: slides to and fro are alike."""
+        start = math.asin((100 * x + 0.8 * GRAVITY) / 30) / 4
+        flight = lambda s: linear_flight(s, np.array([x, 0]) - shift, start, (100.0, 0.0, 30.0, 4.0, 0.0))[0]  # noqa: E731
+        return -(flight(brentq(lambda s: flight(s)[1], 0.4, 0.7, xtol=1e-15))[0] + shift[0])
+
+    rest = brentq(lambda x: across(x) - x, -0.36, -0.32, xtol=1e-15)
+    assert phase != 2.0 or abs(run.history["x.x"][0]) == pytest.approx(-rest, rel=1e-8)
+    exact = ((across(rest + 1e-5) - across(rest - 1e-5)) / 2e-5) ** 2
+    assert multipliers(run) == pytest.approx([exact], abs=2e-6)
+    if phase == 0.6:  # at 2.0 the second difference, by which the told error goes, happens to be small
+        assert_multipliers(run, exact)
+
+
+@pytest.mark.parametrize("sides", [1, 2])
+def test_stops_that_are_just_not_touched(run_deck, sides):
+    """Moved starts touch: multipliers are those of the side that does not; where both touch, there are none."""
+    w = 8.0
+    top = 10 / (4 - w**2 + 2j * w)
+    limits = " ".join(f"{name}={sign * abs(top) * (1 + 1e-6)!r}" for name, sign in (("upper", 1), ("lower", -1))[:sides])
+    run = run_deck(
+        f"""&body name='m' mass=1 inertia=1 position={top.imag!r},0 velocity={top.real * w!r},0 /
+&joint name='g' type='prismatic' body_a='m' direction=0 /
+&spring name='k' body_a='m' body_b='ground' point_b=-1,0 stiffness=4 damping=2 free_length=1 /
+&history name='h' kind='sine' amplitude=1 frequency={{{w}/2/pi}} /
+&force name='f' body='m' fx=10 history='h' /
+&stop name='s' type='position' body_a='m' direction=0 restitution=0.5 {limits} /
+&periodic period={{2*pi/{w}}} multipliers=2 /
+&transient method='rk4' step={{2*pi/{w}/400}} output_step={{2*pi/{w}/20}} /
+"""
+    )
+    assert ("change on both sides of the cycle" in run.stderr) == (sides == 2)
+    if sides == 1:
+        assert_multipliers(run, np.exp(np.roots([1, 2, 4]) * 2 * np.pi / w), 1e-8)
+
+
 # --- unknown period
 
 

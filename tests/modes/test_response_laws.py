@@ -204,6 +204,43 @@ def test_slow_forces_change_the_sections_as_the_statics_do(stiffening, run_deck)
     assert (change > 0.05) == (stiffening == ".true.")  # the deflection does matter
 
 
+def test_slow_forces_strain_layers_as_the_statics_do(run_deck):
+    """A clamped beam with a core: stresses of a face and of the core, and the core's angle at the tip."""
+    deck = f"""&material name='face' density=7800.0 young=2.1e11 /
+&material name='tape' density=1000.0 shear_modulus=4e5 poisson=0.49 {terms("arm")} /
+&section name='s' layers='face','tape','face' thickness=2e-3,0.5e-3,1e-3 width=0.02 /
+&body name='b' kind='beam' length=0.25 elements=4 section='s' reference='clamped' slip_held=1 /
+&joint name='o' type='weld' body_a='b' node_a=1 /
+&force name='f' type='force' body='b' node=-1 fx=3.0 fy=2.0 /
+&sensor name='face' quantity='layer' body='b' element=2 layer=3 /
+&sensor name='core' quantity='layer' body='b' element=2 layer=2 /
+&sensor name='tip' quantity='slip' body='b' node=-1 /
+&sensor name='end' quantity='deflection' body='b' node=-1 /
+&static tolerance=1e-12 /
+"""
+    folder = run_deck(deck + "&frequency_response from=1e-5 to=2e-5 points=2 input='f' /\n").folder
+    found, still = read(folder, "frequency_response"), read(folder, "static")
+    for name in ("face.s", "core.s", "core.tau", "tip.g1", "end.v"):
+        assert found[f"{name}.amplitude"][0] == pytest.approx(abs(still[name][-1]), rel=1e-6), name
+    assert found["tip.g1.re"][0] == pytest.approx(still["tip.g1"][-1], rel=1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_friction_holds_or_slides_in_a_response(run_deck, speed):
+    """A block on a line: at rest its friction takes the force; sliding, m x'' is the force."""
+    deck = f"""&scene gravity=0,-9.81 /
+&body name='b' mass=2 inertia=1 velocity={speed},0 /
+&joint name='j' type='prismatic' body_a='b' direction=0 friction=0.3 /
+&force name='f' type='force' body='b' fx=0.5 fy=0.2 /
+&sensor name='r' quantity='friction' joint='j' /
+&frequency_response from=1 to=3 points=3 input='f' friction='held' /
+"""
+    found = read(run_deck(deck).folder, "frequency_response")
+    force, rate = (found[f"r.{x}.re"] + 1j * found[f"r.{x}.im"] for x in ("f", "rate"))
+    np.testing.assert_allclose(force, 0 * force - (0.5 if speed == 0 else 0), atol=1e-15)
+    np.testing.assert_allclose(rate, 0 * rate if speed == 0 else 0.5 / (2 * 2j * np.pi * found.time), atol=1e-12)
+
+
 def test_each_element_of_a_modal_body_answers_with_its_own_modulus(run_deck):
     """With all modes kept a body of two viscoelastic materials is the nodal one; slow axial forces are those of the tip."""
     sweep = "&frequency_response from=1.0 to=300.0 points=9 input='f' /\n"

@@ -98,11 +98,6 @@ contains
     real(wp) :: near, modulus                  ! [-]
     character(:), allocatable :: what, way
     so_near = sqrt(cycle%tolerance)
-    if (cycle%time > 0) then
-      near = abs(cycle%pairs%value(cycle%time) - 1)
-      if (near > 10*max(cycle%error(cycle%time), so_near)) call text%warn('the multiplier that belongs to time differs from 1 '// &
-        'by '//short_text(near, 1)//': finer steps would tell the others better')
-    end if
     if (cycle%grazes) call text%warn('events of "'//element_name(run%sys%m, cycle%changed%element)//'" at t = '// &
       short_text(cycle%changed%t, 4)//' s change on both sides of the cycle, as where a stop is just touched: it has no '// &
       'multipliers, and those told mean little')
