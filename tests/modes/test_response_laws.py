@@ -169,12 +169,12 @@ def test_sections_answer_with_the_complex_modulus(response):
     same(np.abs(response("in.s")[0]), fibres.max(axis=0))
 
 
-def cantilever(factor: float, more: str, sweep: str, materials: str = "element_material='slow','fast'") -> str:
+def cantilever(factor: float, more: str, sweep: str, elements: str = "2 element_material='slow','fast'") -> str:
     """Return a clamped beam of two materials under a tip force times a factor."""
     return f"""&material name='slow' density=1200.0 young=1.0e8 ghm_alpha=1.5 ghm_zeta=1.2 ghm_omega=60.0 /
 &material name='fast' density=1200.0 young=1.0e8 ghm_alpha=0.4,0.3 ghm_zeta=0.8,2.0 ghm_omega=900.0,200.0 /
 &section name='s' shape='rectangle' width={WIDTH} height={HEIGHT} /
-&body name='b' kind='beam' length={2 * LENGTH} elements=2 material='slow' section='s' {materials} reference='clamped' {more} /
+&body name='b' kind='beam' length={2 * LENGTH} elements={elements} material='slow' section='s' reference='clamped' {more} /
 &joint name='o' type='weld' body_a='b' node_a=1 /
 &force name='f' type='force' body='b' node=-1 fx={40.0 * factor!r} fy={0.6 * factor!r} /
 &sensor name='e1' quantity='internal' body='b' element=1 /
@@ -199,7 +199,7 @@ def test_slow_forces_change_the_sections_as_the_statics_do(stiffening, run_deck)
     for name in ("e1.n", "e1.q", "e1.m1", "e1.m2", "e2.n", "e2.m1", "o.fx", "o.fy", "o.m"):
         slope = (near[1][name][-1] - near[0][name][-1]) / (2 * step)
         assert found[f"{name}.re"][0] == pytest.approx(slope, rel=1e-5, abs=1e-5), name
-    linear = read(run_deck(cantilever(1.0, "", "", ""), name="linear").folder, "static")
+    linear = read(run_deck(cantilever(1.0, "", "", "2"), name="linear").folder, "static")
     change = abs(linear["e1.m1"][-1] - near[0]["e1.m1"][-1]) / abs(linear["e1.m1"][-1])
     assert (change > 0.05) == (stiffening == ".true.")  # the deflection does matter
 
@@ -242,10 +242,17 @@ def test_friction_holds_or_slides_in_a_response(run_deck, speed):
 
 
 def test_each_element_of_a_modal_body_answers_with_its_own_modulus(run_deck):
-    """With all modes kept a body of two viscoelastic materials is the nodal one; slow axial forces are those of the tip."""
+    """With all modes kept a body of two viscoelastic materials is the nodal one; slow axial forces are those of the tip.
+
+    The outer elements have one material, but internal variables of their own.
+    """
     sweep = "&frequency_response from=1.0 to=300.0 points=9 input='f' /\n"
     nodal, modal = (
-        read(run_deck(cantilever(1.0, f"modes={n}", sweep), name=f"modes{n}").folder, "frequency_response") for n in (0, 6)
+        read(
+            run_deck(cantilever(1.0, f"modes={n}", sweep, "3 element_material='slow','fast','slow'"), name=f"modes{n}").folder,
+            "frequency_response",
+        )
+        for n in (0, 9)
     )
     for name in (f"e{k}.{part}" for k in (1, 2) for part in ("n", "q", "m1", "m2", "s")):
         a, b = (h[f"{name}.re"] + 1j * h[f"{name}.im"] for h in (modal, nodal))
