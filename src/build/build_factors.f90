@@ -197,9 +197,8 @@ contains
       yes = h%kind /= 'switch'
       if (.not. allocated(h%parts)) return
       do k = 1, size(h%parts)
-        if (.not. yes) return
         associate (own => d%histories(h%parts(k))%argument)
-          if (own%sensor > 0) yes = own%sensor == column%sensor .and. own%number == column%number
+          if (own%sensor > 0) yes = yes .and. own%sensor == column%sensor .and. own%number == column%number
         end associate
         yes = yes .and. is_plain(d, h%parts(k), column)
       end do

@@ -21,6 +21,7 @@ contains
     class(history_model), allocatable, intent(out) :: h
     type(polynomial_model), allocatable :: polynomial    ! constructors of allocatable components would leak (gfortran)
     type(pulse_model), allocatable :: pulse
+    type(sequence_model), allocatable :: sequence
     associate (r => d%histories(number))
       select case (r%kind)
       case ('polynomial')
@@ -44,7 +45,11 @@ contains
       case ('sum', 'product')
         call make_sum(d, r, h)
       case default
-        call make_sequence(d, r, h)
+        allocate (sequence)
+        call make_parts(d, r, sequence%parts)
+        call sequence%set(r%start, r%durations, r%periodic)
+        sequence%remedy = 'parts that begin with the value and slope with which the one before ends'
+        call move_alloc(sequence, h)
       end select
       h%name = r%name
       if (.not. allocated(h%remedy)) h%remedy = ''
@@ -146,17 +151,4 @@ contains
     end do
     call move_alloc(total, h)
   end subroutine make_sum
-
-  !> A sequence of histories, one after another.
-  recursive subroutine make_sequence(d, r, h)
-    type(deck), intent(in) :: d
-    type(history_record), intent(in) :: r
-    class(history_model), allocatable, intent(out) :: h
-    type(sequence_model), allocatable :: sequence
-    allocate (sequence)
-    call make_parts(d, r, sequence%parts)
-    call sequence%set(r%start, r%durations, r%periodic)
-    sequence%remedy = 'parts that begin with the value and slope with which the one before ends'
-    call move_alloc(sequence, h)
-  end subroutine make_sequence
 end module build_history

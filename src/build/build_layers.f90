@@ -12,7 +12,6 @@ module build_layers
   private
   public :: add_layers
 
-  integer, parameter :: latest = 8                 !! kinds of element that an element is compared with
   real(wp), parameter :: same_length = 1.0e-12_wp  !! nodes are rounded: lengths that differ by less are one [-]
 
 contains
@@ -77,11 +76,11 @@ contains
     allocate (b%layers%kind(b%ne))
     n = 0
     do e = 1, b%ne
-      do k = n, max(1, n - latest + 1), -1
+      do k = n, 1, -1
         if (of(first(k)) /= of(e)) cycle
         if (abs(b%elements(e)%length - b%elements(first(k))%length) <= same_length*b%elements(e)%length) exit
       end do
-      if (k < max(1, n - latest + 1)) then
+      if (k < 1) then
         n = n + 1
         first(n) = e
         k = n

@@ -1,5 +1,5 @@
-!> What a cycle asks of the histories of loads, drives and controllers: that they repeat in its period, or do not depend on time where
-!> that is sought.
+!> What a cycle asks of the histories of loads, drives and controllers: that they repeat in its period, or do not depend on time
+!> where that is sought.
 module repeating_histories
   use kinds, only: half_digits, wp
   use build_history, only: make_history

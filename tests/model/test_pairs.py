@@ -212,11 +212,14 @@ def test_pictures_show_the_profile_and_its_follower_where_they_are(run_deck):
     deck = LIFT + CAM + "&scene gravity=0,-9.81 /\n&body name='f' mass=0.3 inertia=1e-4 position=0.0,0.05 /\n"
     deck += "&profile name='disc' kind='law' history='lift' base_radius=0.025 radius=0.008 /\n"
     deck += "&stop name='s' type='profile' body_a='f' radius=0.01 body_b='cam' profile='disc' restitution=0.5 /\n"
-    deck += "&sensor name='c' quantity='contact' stop='s' /\n"
+    deck += "&sensor name='c' quantity='contact' stop='s' /\n&sensor name='k' quantity='controller' controller='k' /\n"
+    deck += "&history name='zero' kind='polynomial' coefficients=0 /\n&controller name='k' argument='c.gap' history='zero' kp=-3 /\n"
+    deck += "&force name='shaft' type='force' body='cam' fx=1 controller='k' /\n"
     run = run_deck(deck + "&transient t_end=0.15 method='rk4' step=1e-3 motion_step=1e-3 /\n")
     mechanism = from_run(run.motion)
     (pair,) = mechanism.stops
     gaps = run.history["c.gap"]
+    np.testing.assert_allclose(run.history["k.out"], 3 * gaps, rtol=1e-13, atol=1e-16)
     assert len(pair.struck) > 0
     for row in range(0, len(gaps), 10):
         (follower, outline), touches = pair.walls(mechanism, row, 0.01)

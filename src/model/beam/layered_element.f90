@@ -168,7 +168,7 @@ contains
     end subroutine add
   end subroutine add_rows
 
-  !> Integrals over the mass by four points, which are exact (theory.md, sections 2 and 16).
+  !> Integrals over the mass by Gauss' four points, which are exact (theory.md, sections 2 and 16).
   pure subroutine add_inertia(s, x)
     type(layered_section_model), intent(in) :: s
     type(layered_element_model), intent(inout) :: x

@@ -199,7 +199,11 @@ contains
     class(shape_integrals), intent(in) :: self
     real(wp), intent(in), contiguous :: q(:)   !! (nf) elastic coordinates or their rates [m, rad]
     real(wp) :: p(2)                   !! [kg m]
-    p = [dot_product(self%sbar(:, 1), q), dot_product(self%sbar(:, 2), q)]
+    integer :: k
+    p = 0.0_wp
+    do k = 1, size(q)
+      p = p + self%sbar(k, :)*q(k)
+    end do
   end function moment
 
   !> Elastic displacement (u, v, rotation) of a node in body axes; also its rate, from rates.

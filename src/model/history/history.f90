@@ -5,7 +5,7 @@ module history
   use step_counts, only: rounding_of
   implicit none (type, external)
   private
-  public :: history_model, history_box, breakpoint, drive_values, reached, merged, breakpoint_order, locate
+  public :: history_model, history_box, breakpoint, reached, merged, breakpoint_order, locate
 
   real(wp), parameter :: negligible = 1.0e-6_wp   !! a jump smaller than this share of the history's size is rounding [-]
 
@@ -156,22 +156,6 @@ contains
     end if
     yes = least <= negligible*size_of .and. most >= -negligible*size_of
   end function vanishes
-
-  !> What a drive imposes: its origin plus the history, or by rate plus the integral since t = 0, with two derivatives.
-  pure subroutine drive_values(self, rate, origin, t, left_limit, h)
-    class(history_model), intent(in) :: self
-    logical, intent(in) :: rate         !! the history gives the rate of the driven quantity
-    real(wp), intent(in) :: origin      !! what the history is added to [unit]
-    real(wp), intent(in) :: t           !! [s]
-    logical, intent(in) :: left_limit   !! limit from below
-    real(wp), intent(out) :: h(0:2)     !! [unit, unit/s, unit/s2]
-    real(wp) :: now(-1:2), at_start(-1:2)
-    call self%evaluate(t, left_limit, now)
-    h = [origin + now(0), now(1:2)]
-    if (.not. rate) return
-    call self%evaluate(0.0_wp, .false., at_start)
-    h = [origin + (now(-1) - at_start(-1)), now(0:1)]
-  end subroutine drive_values
 
   !> Whether time t has reached a breakpoint, within the rounding of times that are sums of steps.
   pure logical function reached(t, at, left_limit) result(yes)

@@ -66,7 +66,7 @@ contains
     piece = middle([min(corner, other), max(corner, other)])
   end function beyond
 
-  !> A point between two, one of which may not exist.
+  !> A point between two corners, one of which may not exist.
   pure real(wp) function middle(ends)      ! [any]
     real(wp), intent(in) :: ends(2)        !! [any]
     if (maxval(abs(ends)) < huge(1.0_wp)) then

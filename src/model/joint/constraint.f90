@@ -3,7 +3,7 @@
 !> on the section angle of a third marker, too. Rows are in metres: angles count times the scene's size.
 module constraint
   use kinds, only: wp
-  use history, only: breakpoint, drive_values, history_model
+  use history, only: breakpoint, history_model
   use marker, only: marker_states
   use measure, only: listed, measure_box, measure_model, measured
   use root_watch, only: watched_roots
@@ -253,13 +253,20 @@ contains
     weight = merge(self%size, 1.0_wp, self%angular)
   end function weight
 
-  !> What a drive prescribes, with two derivatives.
+  !> What a drive prescribes, with two derivatives: its origin plus the history, or by rate plus the integral since t = 0.
   pure subroutine prescribed(self, t, left_limit, h)
     class(constraint_model), intent(in) :: self
     real(wp), intent(in) :: t                     !! [s]
     logical, intent(in) :: left_limit             !! limit from below
     real(wp), intent(out) :: h(0:2)               !! [m, rad], per s, per s2
-    call drive_values(self%target, self%rate, self%measures(1)%item%datum, t, left_limit, h)
+    real(wp) :: now(-1:2), at_start(-1:2)
+    call self%target%evaluate(t, left_limit, now)
+    associate (origin => self%measures(1)%item%datum)
+      h = [origin + now(0), now(1:2)]
+      if (.not. self%rate) return
+      call self%target%evaluate(0.0_wp, .false., at_start)
+      h = [origin + (now(-1) - at_start(-1)), now(0:1)]
+    end associate
   end subroutine prescribed
 
   !> A link without a length has no direction.

@@ -3,6 +3,7 @@ module measures
   use kinds, only: wp
   use marker, only: marker_states, turn
   use measure, only: measured, measure_model
+  use small_matrices, only: outer
   implicit none (type, external)
   private
   public :: difference, distance, line, turns
@@ -145,12 +146,9 @@ contains
     real(wp), intent(out) :: h(6, 6)       !! second derivative of x [1/m]
     type(measured) :: now
     real(wp) :: across(6)
-    integer :: k
     call self%measure(p, now)
     across = [-now%g(2), now%g(1), 0.0_wp, now%g(2), -now%g(1), 0.0_wp]
-    do k = 1, 6
-      h(:, k) = across*(across(k)/max(now%x, self%least))
-    end do
+    h = outer(across, across/max(now%x, self%least))
   end subroutine circle_curvature
 
   !> n.(r_a - r_b).

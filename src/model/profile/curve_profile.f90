@@ -157,7 +157,7 @@ contains
     real(wp) :: least                        ! distance of the best place so far [m]
     integer :: i, n
     n = size(self%radius)
-    f = ahead(self%ends, d(1), d(2))
+    f = (d(2) - self%ends%c(2))*self%ends%n(1) - (d(1) - self%ends%c(1))*self%ends%n(2)
     bound = sqrt((d(1) - self%middle(1, :))**2 + (d(2) - self%middle(2, :))**2) - self%radius
     least = huge(1.0_wp)
     if (.not. self%closed) then
@@ -202,13 +202,6 @@ contains
     q%speed = 1.0_wp
     q%curvature = 0.0_wp
   end function straight
-
-  !> How far a point lies ahead of a place, along its tangent.
-  pure elemental real(wp) function ahead(q, x, y)   ! [m]
-    type(curve_place), intent(in) :: q
-    real(wp), intent(in) :: x, y             !! [m]
-    ahead = (y - q%c(2))*q%n(1) - (x - q%c(1))*q%n(2)
-  end function ahead
 
   !> Largest n(alpha).c: n.t falls through zero there.
   pure type(profile_reach) function convex_support(self, alpha, piece) result(reach)

@@ -1,7 +1,7 @@
 !> Builds a body: rigid-body integrals, elastic coordinates under the reference conditions, shape integrals, the
 !> factor of the mass matrix, internal variables. All set-up work; nothing here runs in a step.
 module body_setup
-  use kinds, only: wp, pi
+  use kinds, only: half_digits, pi, wp
   use body, only: body_model, lump
   use element_law, only: inertia_of
   use layered_element, only: element_inertia
@@ -237,7 +237,7 @@ contains
     end do
     j = maxloc(r, dim=1)
     far = maxval([0.0_wp, ((x(1, i) - x(1, j))**2 + (x(2, i) - x(2, j))**2, i=1, size(r))])
-    ends = pack([(i, i=1, size(r))], r + maxval(r) >= 0.999_wp*sqrt(far))
+    ends = pack([(i, i=1, size(r))], r + maxval(r) >= (1 - half_digits)*sqrt(far))
     do i = 2, size(ends)
       do j = 1, i - 1
         far = max(far, (x(1, ends(i)) - x(1, ends(j)))**2 + (x(2, ends(i)) - x(2, ends(j)))**2)
