@@ -190,6 +190,8 @@ def test_breaks_away_after_a_load_has_passed_through_zero(run_deck):
         events = [line.split() for line in (run.folder / "events.txt").read_text().splitlines() if line[0] != "#"]
         away = [float(e[0]) for e in events if e[1] == "rail" and e[3] == "forward"]
         assert away == [pytest.approx(leaves, abs=1e-11)]
+        struck = next(e[0] for e in events if e[1] == "limit")  # there all three joints with friction come to rest
+        assert {e[1] for e in events if e[0] == struck and e[3] in ("stuck", "at_limit")} == {"main", "small", "rail"}
         angles.append(run.history["crank"][-1])
     assert angles == [pytest.approx(angles[-1], abs=1e-7)] * 4
 
