@@ -27,8 +27,6 @@ module deck_cursor
     procedure :: word
     procedure :: token
     procedure :: tokens
-    procedure :: values
-    procedure :: expanded
     procedure :: written
     procedure :: raw
     procedure :: file
@@ -103,7 +101,6 @@ contains
     assignment = self%assignment_of(name)
     if (assignment == 0) return
     if (self%tokens(assignment) /= 1) return
-    if (self%values(assignment) /= 1) return
     only = self%token(assignment, 1)
     if (only%form == string_value) value = self%word(only)
   end function peek
@@ -128,46 +125,20 @@ contains
     t = t(1:n)
   end function word
 
-  !> The k-th value token of an assignment.
+  !> The k-th value of an assignment.
   pure type(value_token) function token(self, assignment, k) result(v)
     class(group_cursor), intent(in) :: self
     integer, intent(in) :: assignment    !! number of the assignment in the group
-    integer, intent(in) :: k        !! which value, repeat counts not expanded
+    integer, intent(in) :: k        !! which value
     v = self%parts%values(self%parts%assignments(self%head + assignment)%first_value + k - 1)
   end function token
 
-  !> Number of value tokens of an assignment, repeat counts not expanded.
+  !> Number of values of an assignment.
   pure integer function tokens(self, assignment) result(n)
     class(group_cursor), intent(in) :: self
     integer, intent(in) :: assignment    !! number of the assignment in the group
     n = self%parts%assignments(self%head + assignment)%values
   end function tokens
-
-  !> Number of values of an assignment, repeat counts expanded.
-  pure integer function values(self, assignment) result(n)
-    class(group_cursor), intent(in) :: self
-    integer, intent(in) :: assignment    !! number of the assignment in the group
-    associate (a => self%parts%assignments(self%head + assignment))
-      n = sum(self%parts%values(a%first_value:a%first_value + a%values - 1)%repeats)
-    end associate
-  end function values
-
-  !> Which value token each value of an assignment is, repeat counts expanded.
-  pure function expanded(self, assignment) result(list)
-    class(group_cursor), intent(in) :: self
-    integer, intent(in) :: assignment    !! number of the assignment in the group
-    integer, allocatable :: list(:)
-    integer :: k, n, last
-    allocate (list(self%values(assignment)))
-    n = 0
-    do k = 1, self%tokens(assignment)
-      associate (v => self%parts%values(self%parts%assignments(self%head + assignment)%first_value + k - 1))
-        last = n + v%repeats
-      end associate
-      list(n + 1:last) = k
-      n = last
-    end do
-  end function expanded
 
   !> One value as it stands in the deck, for messages.
   pure function written(self, token) result(t)

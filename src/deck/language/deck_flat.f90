@@ -65,6 +65,7 @@ contains
         do a = group%first_assignment, group%first_assignment + group%assignments - 1
           do v = deck%parts%assignments(a)%first_value, deck%parts%assignments(a)%first_value + deck%parts%assignments(a)%values - 1
             associate (token => deck%parts%values(v))
+              if (token%copy) cycle
               if (token%form == expression_value) then
                 call replace(s%text, token%first, token%last, number_text(token%number), last)
               else if (token%part > 0) then

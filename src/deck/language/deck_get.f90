@@ -97,8 +97,8 @@ contains
     allocate (x(0))
     call deck%look_up(row, assignment)
     if (assignment == 0) return
-    if (keys(row)%type == 'pair' .and. deck%values(assignment) /= 2) then
-      call fault(deck, row, ' has '//counted(deck%values(assignment))//', expected 2: '//expectation(keys(row)))
+    if (keys(row)%type == 'pair' .and. deck%tokens(assignment) /= 2) then
+      call fault(deck, row, ' has '//counted(deck%tokens(assignment))//', expected 2: '//expectation(keys(row)))
       return
     end if
     allocate (values(deck%tokens(assignment)))
@@ -109,7 +109,7 @@ contains
       call fault(deck, row, ' has the value '//deck%written(deck%token(assignment, k))//', expected every '//range_text(keys(row)))
       return
     end do
-    x = values(deck%expanded(assignment))
+    call move_alloc(values, x)
     call deck%mark_good(assignment)
   end subroutine get_reals
 
@@ -176,19 +176,18 @@ contains
     call deck%look_up(row, assignment)
     good = .false.
     if (assignment == 0) return
-    good = deck%values(assignment) == 1
+    good = deck%tokens(assignment) == 1
     if (good) return
     expected = 'expected 1'
-    if (keys(row)%type == 'real' .and. deck%tokens(assignment) == 2) then       ! as in 1,5
-      if (all([(verify(deck%written(deck%token(assignment, k)), '+-0123456789') == 0, k=1, 2)])) expected = expected// &
-        '; decimals take a point'
-    end if
-    if (deck%tokens(assignment) == 1) then
-      associate (only => deck%token(assignment, 1))
-        expected = expected//'; '//to_text(only%repeats)//'* is a repeat count, an expression stands in braces: {2*pi}'
-      end associate
-    end if
-    call fault(deck, row, ' has '//counted(deck%values(assignment))//', '//expected)
+    associate (first => deck%token(assignment, 1), n => deck%tokens(assignment))
+      if (first%repeats == n) then
+        expected = expected//'; '//to_text(n)//'* is a repeat count, an expression stands in braces: {2*pi}'
+      else if (keys(row)%type == 'real' .and. n == 2) then       ! as in 1,5
+        if (all([(verify(deck%written(deck%token(assignment, k)), '+-0123456789') == 0, k=1, 2)])) expected = expected// &
+          '; decimals take a point'
+      end if
+      call fault(deck, row, ' has '//counted(n)//', '//expected)
+    end associate
   end subroutine single_value
 
   !> Checks that a value is text in quotes, or a word without them, such as a number.

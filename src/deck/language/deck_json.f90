@@ -21,7 +21,6 @@ contains
     character(:), allocatable :: text
     type(group_cursor) :: deck
     type(text_buffer) :: json
-    integer, allocatable :: values(:)
     integer :: a, k, n                         ! assignment, group, value
     call deck%parts%add_source('', flat, 0, '')
     call split_groups(deck, 1)
@@ -31,9 +30,8 @@ contains
       call json%add(either('', ', ', k == 1)//'{"group": '//json_text(deck%group_word(k)))
       do a = 1, deck%count
         call json%add(', '//json_text(trim(deck%parts%assignments(deck%head + a)%name))//': [')
-        values = deck%expanded(a)
-        do n = 1, size(values)
-          call json%add(either('', ', ', n == 1)//value_text(deck, deck%token(a, values(n))))
+        do n = 1, deck%tokens(a)
+          call json%add(either('', ', ', n == 1)//value_text(deck, deck%token(a, n)))
         end do
         call json%add(']')
       end do

@@ -84,7 +84,6 @@ contains
     !> Writes a setting into a group, which is open.
     subroutine change(k, g)
       integer, intent(in) :: k, g
-      integer, allocatable :: list(:)
       integer :: a, begin, end
       associate (group => deck%parts%groups(g), new => deck%parts%overrides(k), text => deck%parts%sources(file)%text)
         changed = .true.
@@ -97,12 +96,11 @@ contains
         else if (a == 0) then
           call put(group%slash, group%slash - 1, ' '//new%key//'='//new%value//' ')
         else if (new%item > 0) then
-          list = deck%expanded(a)
-          changed = new%item <= size(list)
-          if (changed) changed = count(list == list(new%item)) == 1
-          if (.not. changed) new%item = -1
-          if (changed) call ends(a, list(new%item), list(new%item), begin, end)
+          changed = new%item <= deck%tokens(a)
+          if (changed) changed = deck%parts%values(deck%parts%assignments(deck%head + a)%first_value + new%item - 1)%repeats == 1
+          if (changed) call ends(a, new%item, new%item, begin, end)
           if (changed) call put(begin, end, new%value)
+          if (.not. changed) new%item = -1
         else
           call ends(a, 1, deck%tokens(a), begin, end)
           if (deck%tokens(a) > 0) begin = deck%parts%assignments(deck%head + a)%last + &

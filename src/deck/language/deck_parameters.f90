@@ -65,7 +65,7 @@ contains
       p(k)%state = faulty
       assignment = deck%assignment_of('value')
       if (assignment == 0) return
-      if (deck%tokens(assignment) /= 1 .or. deck%values(assignment) /= 1) return
+      if (deck%tokens(assignment) /= 1) return
       token = deck%token(assignment, 1)
       if (token%form /= bare_value .and. token%form /= expression_value) return
       p(k)%text = deck%raw(token%first, token%last)
@@ -214,7 +214,11 @@ contains
         do a = deck%parts%groups(g)%first_assignment, deck%parts%groups(g)%first_assignment + deck%count - 1
           do v = deck%parts%assignments(a)%first_value, deck%parts%assignments(a)%first_value + deck%parts%assignments(a)%values - 1
             associate (token => deck%parts%values(v))
-              if (token%form /= expression_value) cycle
+              if (token%copy) then
+                token%form = deck%parts%values(v - 1)%form
+                token%number = deck%parts%values(v - 1)%number
+              end if
+              if (token%form /= expression_value .or. token%copy) cycle
               call compute(inside(deck%raw(token%first, token%last)), deck%file(), token%number, needed, problem, good)
               if (good) cycle
               token%form = bad_value

@@ -76,8 +76,8 @@ contains
     subroutine check_length(name, other)
       character(*), intent(in) :: name, other
       integer :: n, m
-      n = deck%values(deck%assignment_of(name))
-      m = deck%values(deck%assignment_of(other))
+      n = deck%tokens(deck%assignment_of(name))
+      m = deck%tokens(deck%assignment_of(other))
       if (n /= m) call deck%complain(name, name//' has '//counted(n)//' and '//other//' '//to_text(m)//', expected equal numbers')
     end subroutine check_length
 

@@ -29,9 +29,10 @@ module deck_syntax
     integer :: form = bare_value
     integer :: first = 0      !! first character in the file's text, inside the quotes
     integer :: last = 0       !! last character, inside the quotes
-    integer :: repeats = 1    !! repeat count
+    integer :: repeats = 1    !! repeat count: so many values are alike
     integer :: line = 0
     integer :: position = 0   !! among all values
+    logical :: copy = .false. !! of the value before it, by a repeat count
     integer :: part = 0       !! of a name: number of the file whose prefix belongs in front of it; 0: none
     real(wp) :: number = huge(1.0_wp)   !! value of an expression, huge: not computed yet [as the variable]
   end type value_token
@@ -43,7 +44,7 @@ module deck_syntax
     character(longest_word + 1) :: name = ''   !! in lower case; of a longer one, which no variable has, the beginning
     integer :: line = 0
     integer :: first_value = 1     !! position of its first value
-    integer :: values = 0          !! number of values, repeat counts not expanded
+    integer :: values = 0          !! number of values
     logical :: equals = .true.     !! .false.: the equals sign is missing
     integer :: state = unknown     !! what became of it
   end type setting
@@ -149,17 +150,21 @@ contains
     self%groups(self%group_count)%assignments = self%groups(self%group_count)%assignments + 1
   end subroutine add_assignment
 
-  !> Appends a value to the last assignment.
+  !> Appends a value to the last assignment, as often as its repeat count says.
   subroutine add_value(self, new)
     class(syntax), intent(inout) :: self
     type(value_token), intent(in) :: new
+    integer :: k
     if (.not. allocated(self%values)) allocate (self%values(512))
-    if (self%value_count == size(self%values)) self%values = [self%values, self%values]
-    self%value_count = self%value_count + 1
-    self%values(self%value_count) = new
-    self%values(self%value_count)%position = self%value_count
+    do k = 1, new%repeats
+      if (self%value_count == size(self%values)) self%values = [self%values, self%values]
+      self%value_count = self%value_count + 1
+      self%values(self%value_count) = new
+      self%values(self%value_count)%copy = k > 1
+      self%values(self%value_count)%position = self%value_count
+    end do
     self%has_expressions = self%has_expressions .or. new%form == expression_value
-    self%assignments(self%assignment_count)%values = self%assignments(self%assignment_count)%values + 1
+    self%assignments(self%assignment_count)%values = self%assignments(self%assignment_count)%values + new%repeats
   end subroutine add_value
 
   !> `group/name` of a group, for messages; only `group` if its name cannot be read. The name has the prefix of its part.

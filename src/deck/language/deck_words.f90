@@ -58,7 +58,6 @@ contains
       found = found(:0)
       return
     end do
-    if (size(found) > 0) found = found(deck%expanded(deck%assignment_of(keys(row)%name)))
   end subroutine get_letters
 
   !> The group's own name, with the prefix of its part.
@@ -85,7 +84,7 @@ contains
   subroutine note_part(deck, row, k, part)
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: row             !! of the key in the table
-    integer, intent(in) :: k               !! which of its values, repeat counts not expanded
+    integer, intent(in) :: k               !! which of its values
     integer, intent(in) :: part            !! number of a file of the part
     type(value_token) :: token
     token = deck%token(deck%assignment_of(keys(row)%name), k)
@@ -155,7 +154,6 @@ contains
       numbers = numbers(:0)
       return
     end do
-    if (size(values) > 0) numbers = numbers(deck%expanded(deck%assignment_of(keys(row)%name)))
   end subroutine get_references
 
   !> A list of names or words in quotes, one for each value token.
@@ -217,7 +215,7 @@ contains
   subroutine resolve(deck, row, k, value, kind, number, good)
     class(deck_source), intent(inout) :: deck
     integer, intent(in) :: row            !! of the key in the table
-    integer, intent(in) :: k              !! which of its values, repeat counts not expanded
+    integer, intent(in) :: k              !! which of its values
     character(*), intent(in) :: value     !! the name it gives
     integer, intent(in) :: kind           !! what it names
     integer, intent(inout) :: number      !! receives the number of the thing, 0: the ground
