@@ -74,7 +74,7 @@ contains
         call make_pair(d, r%at, r%profile, r%radius, r%face, gap, faults)
         call item%hold(gap)
       case default
-        call item%hold(distance(), r%length, pending=.not. r%has_length)
+        call item%hold(distance(), r%length, pending=r%length <= 0.0_wp)
       end select
       if (any(r%type == [character(9) :: 'weld', 'prismatic'])) &
         call item%hold(difference(3), deck_angle(r%a%body) - deck_angle(r%b%body))

@@ -174,15 +174,15 @@ contains
     sp%acts = sp%measure%acts
     sp%stiffness = r%law%stiffer*r%stiffness
     sp%damping = r%law%stiffer*r%law%slower*r%damping
-    sp%measure%datum = r%free
-    sp%measure%pending = .not. r%has_free
+    sp%measure%pending = r%free >= huge(r%free)
+    if (.not. sp%measure%pending) sp%measure%datum = r%free
     sp%law = law_of(r%law)
     if (r%characteristic > 0) then
       call make_history(d, r%characteristic, sp%history)
       call sp%watch_corners(order_of_events(d%transient))
       sp%stiffness = sp%history%steepest()
       call require_continuous(r%at, 'characteristic', sp%history, faults)
-      if (.not. (r%has_free .or. sp%history%vanishes())) call r%at%blame(faults, 'characteristic='// &
+      if (sp%measure%pending .and. .not. sp%history%vanishes()) call r%at%blame(faults, 'characteristic='// &
         quoted(trim(sp%history%name))//' is nowhere zero, so that the spring has no unloaded state, expected one that passes '// &
         'through zero, or '//either('free_angle', 'free_length', sp%angular)//', from which its argument counts')
     end if

@@ -36,7 +36,6 @@ contains
     call check_marker(deck, d, '_a', j%a, frames='gear')
     call check_marker(deck, d, '_b', j%b, frames='gear')
     call check_marker(deck, d, '_c', j%c, frames='gear')
-    j%has_length = deck%is_set('length')
     if (deck%is_set('ratio') .and. .not. abs(j%ratio) > 0.0_wp) call deck%complain('ratio', 'ratio=0 holds section a and '// &
       'moves nothing, expected turns of a for one of b, not 0')
     if (max(j%friction, j%friction_static) > 0.0_wp) call deck%need('pin_radius', pin//'a revolute joint')
@@ -66,7 +65,6 @@ contains
     call take(deck, s)
     call check_marker(deck, d, '_a', s%a, frames='torsional')
     call check_marker(deck, d, '_b', s%b, frames='torsional')
-    s%has_free = deck%is_set('free_length') .or. deck%is_set('free_angle')
     call forbid_rigid_pair(deck, d, s%a, s%b, 'a', 'b')
   end subroutine read_spring
 

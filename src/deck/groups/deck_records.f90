@@ -5,11 +5,11 @@ module deck_records
   use deck_parts, only: column_record, law_record, marker_record
   use deck_values, only: body_values, controller_record, drive_record, force_record, history_record, joint_values, lump_record, &
     material_values, modal_record, parameter_values, periodic_values, profile_record, response_record, scene_record, &
-    section_values, sensor_values, spring_values, static_record, stop_values, transient_values
+    section_values, sensor_record, spring_record, static_record, stop_values, transient_values
   implicit none (type, external)
   private
   public :: column_record, controller_record, drive_record, force_record, history_record, law_record, lump_record, marker_record, &
-    modal_record, profile_record, response_record, scene_record, static_record
+    modal_record, profile_record, response_record, scene_record, sensor_record, spring_record, static_record
 
   type, extends(parameter_values), public :: parameter_record
     logical :: set = .false.                 !! the command line or an &include sets it, not its own group
@@ -35,21 +35,12 @@ module deck_records
   end type body_record
 
   type, extends(joint_values), public :: joint_record
-    logical :: has_length = .false.          !! distance: false: as assembled
     logical :: as_assembled = .false.        !! revolute: its markers stay where they are assembled, as a pin in its clearance
   end type joint_record
-
-  type, extends(spring_values), public :: spring_record
-    logical :: has_free = .false.            !! false: free length or angle as assembled
-  end type spring_record
 
   type, extends(stop_values), public :: stop_record
     logical :: rigid = .false.               !! a restitution, but no stiffness
   end type stop_record
-
-  type, extends(sensor_values), public :: sensor_record
-    logical :: relative = .false.            !! against another marker
-  end type sensor_record
 
   type, extends(transient_values), public :: transient_record
     logical :: adaptive = .false.            !! tolerance given rather than step

@@ -25,7 +25,6 @@ contains
     call check_marker(deck, d, '', s%marker, frames=angles)
     call forbid_ground(deck, 'body', s%marker%body, 'does not move')
     call check_marker(deck, d, '_b', s%other, frames=angles)
-    s%relative = deck%is_choice('distance') .or. deck%is_set('body_b')
     if (deck%is_choice(angles//' distance power work') .and. any(lower(s%name) == columns)) call deck%complain('name', &
       'name='''//trim(s%name)//''' is that of another column of the results, expected another one')
     call check_contact()

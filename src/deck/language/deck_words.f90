@@ -6,7 +6,7 @@ module deck_words
   use deck_get, only: check_form, fault, get
   use deck_key, only: expectation, longest_word, split, word_number
   use deck_keys, only: group_names, in_body, in_drive, in_force, in_sensor, keys
-  use deck_names, only: doubtful
+  use deck_names, only: doubtful, not_there
   use deck_origin, only: name_length
   use deck_syntax, only: name_characters, string_value, value_token
   implicit none (type, external)
@@ -191,24 +191,22 @@ contains
     integer, intent(in) :: row             !! of the key in the table
     integer, intent(inout) :: force        !! number of the force, 0 if it names none
     integer, intent(inout) :: drive        !! number of the drive, 0 if it names none
+    integer, parameter :: kinds(2) = [in_force, in_drive]
     character(:), allocatable :: value, best
-    integer :: as_force, as_drive, part
+    integer :: found(2), part, k
     call get(deck, row, value)
     if (.not. allocated(value)) return
-    call deck%find(deck%file(), in_force, value, as_force, part)
-    if (as_force > 0) call note_part(deck, row, 1, part)
-    call deck%find(deck%file(), in_drive, value, as_drive, part)
-    if (as_drive > 0) call note_part(deck, row, 1, part)
-    if (as_force > 0 .and. as_drive > 0) then
-      call fault(deck, row, '='//quoted(printable(value, 40))//' names both a force and a drive, expected different names for them')
-    else if (as_force > 0 .or. as_drive > 0) then
-      force = max(as_force, 0)
-      drive = max(as_drive, 0)
-    else if (as_force /= doubtful .and. as_drive /= doubtful) then
-      call deck%nearest(deck%file(), in_force, value, best)
-      if (len(best) == 0) call deck%nearest(deck%file(), in_drive, value, best)
-      call names_nothing(deck, row, value, 'force or drive', best)
-    end if
+    best = ''
+    do k = 1, 2
+      call deck%find(deck%file(), kinds(k), value, found(k), part)
+      if (found(k) > 0) call note_part(deck, row, 1, part)
+      if (len(best) == 0) call deck%nearest(deck%file(), kinds(k), value, best)
+    end do
+    force = max(found(1), 0)
+    drive = max(found(2), 0)
+    if (all(found > 0)) call fault(deck, row, '='//quoted(printable(value, 40))//' names both a force and a drive, expected '// &
+      'different names for them')
+    if (all(found == not_there)) call names_nothing(deck, row, value, 'force or drive', best)
   end subroutine get_input
 
   !> Finds what a reference names. One that names nothing is faulty, and reported unless it may name what could not be read.
