@@ -52,7 +52,7 @@ module posix
       import :: c_char, c_int
       character(*, c_char), intent(in) :: path
     end function create_file
-    !> Opens an ordinary file that exists to write behind its end; negative where that fails.
+    !> Opens an ordinary file that exists, to be cut where writing goes on; negative where that fails.
     integer(c_int) function extend_file(path) bind(c, name='biela_extend_file')
       import :: c_char, c_int
       character(*, c_char), intent(in) :: path

@@ -64,11 +64,9 @@ static int ordinary(const char *path, int flags)
   return handle >= 0 && !fstat(handle, &file) && S_ISREG(file.st_mode) ? handle : dropped(handle);
 }
 
-/* Opens an ordinary file that exists, to write behind its end. */
 int biela_extend_file(text path)
 {
-  int handle = ordinary(PATH(path), 0);
-  return handle >= 0 && lseek(handle, 0, SEEK_END) < 0 ? dropped(handle) : handle;
+  return ordinary(PATH(path), 0);
 }
 
 void biela_remove_scratch(text path)

@@ -5,7 +5,7 @@ module text
   private
   character(*), parameter, public :: digits = '0123456789', letters = 'abcdefghijklmnopqrstuvwxyz'
   public :: lower, to_text, es_text, short_text, exact_text, figure_text, fixed_text, joined, listed, in_quotes, either, quoted, &
-    nearest_word, meant_word, word_hash
+    nearest_word, meant_word
 
   !> A number as text: integers in full, reals in as few digits as show them to 6 figures.
   interface to_text
@@ -227,18 +227,6 @@ contains
     if (best > 0 .or. letters < 3 .or. letters >= len(words)) return
     best = findloc(words(:)(:letters) == lower(word(:letters)), .true., 1)
   end function meant_word
-
-  !> A number in 0..2147483647 that equal words share, blanks at the end not counted.
-  pure integer function word_hash(word) result(hash)
-    character(*), intent(in) :: word   !! lower case word
-    integer(ip) :: h
-    integer :: i
-    h = 5381_ip
-    do i = 1, len_trim(word)
-      h = iand(33_ip*h + iachar(word(i:i)), 2147483647_ip)
-    end do
-    hash = int(h)
-  end function word_hash
 
   !> The first text where something is true, else the second.
   pure function either(first, second, true) result(t)

@@ -106,3 +106,7 @@ def test_shapes_give_area_and_second_moment(run_deck):
 def test_names_of_sensors_are_kept_as_written(run_deck):
     run = run_deck(replaced(("name='mid'", "name='Mid_1-b'")), "--quiet", name="plain")
     assert any(name.startswith("Mid_1-b.") for name in run.history.names)
+
+
+def test_an_interval_that_is_longer_by_rounding_alone_is_no_fault(run_deck):
+    run_deck(replaced(("output_step=1.0e-3", "output_step={0.1*0.1}")), "--check")

@@ -103,7 +103,7 @@ FINGER = """! a link with a tip, hinged to a palm
 &parameter name='L' value={4*w} /
 &parameter name='n' value=2 /
 &section name='s' shape='rectangle' width={w} height={w/4} / ! comments stay
-&body name='link' kind='beam' length={L} elements={n*1.0} element_material={n_is}'m' section='s' angle={30*deg} /
+&body name='link' kind='beam' length={L} elements={n*1.0} element_material={n_is}'m' section='s' angle={30*deg} position=2*{0*n} /
 &joint name='root' type='revolute' body_a='link' node_a=1 body_b='palm' point_b={side*w},0 /
 &include file='tip.nml' prefix='tip_' /
 &parameter name='side' value=1 /
@@ -148,7 +148,9 @@ def hand(tmp_path) -> str:
 def test_repeated_parts_and_the_flat_deck_are_the_deck_written_by_hand(run_deck, biela, tmp_path, hand):
     wanted = rows(run_deck(by_hand(), "--quiet", name="by_hand"))
     assert len(wanted) == 22
-    assert rows(run_deck(hand, "--quiet", name="hand")) == wanted
+    done = run_deck(hand, "--quiet", name="hand")
+    assert rows(done) == wanted
+    assert (done.folder / "summary.txt").read_text().count("! comments stay") == 1  # a file that stands there twice is stated once
     text = flat(biela, tmp_path, hand)
     assert "{" not in text
     assert "&parameter name='left_L' value=0.06 /\n" in text

@@ -302,6 +302,16 @@ def test_tables_from_files_as_they_come(run_deck, tmp_path, name):
     assert f"! history h: 3 points of {tmp_path}/parts/{name}, digest " in told
 
 
+def test_tables_that_differ_in_their_last_letter_have_other_digests(run_deck, tmp_path):
+    digests = set()
+    for last in "12":
+        (tmp_path / "h.txt").write_text(f"0 0.5\n1 -2.{last}\n")
+        followed(run_deck, "&history name='h' kind='table' interpolation='linear' file='h.txt' /\n", 0.0, direct=False)
+        told = (tmp_path / "results" / "scene" / "summary.txt").read_text()
+        digests.add(told.partition("h.txt, digest ")[2].split()[0])
+    assert len(digests) == 2
+
+
 BAD_FILES = {
     "absent": (None, "cannot be read: no such file or directory, expected a table of numbers beside this deck"),
     "empty": ("\n", "has no row with numbers in columns 1 and 3, expected rows of numbers"),

@@ -47,15 +47,12 @@ contains
       list = motion_suffixes(s%quantity)
       column%number = findloc(list == column%suffix, .true., 1)
       if (column%number > 0) return
-      written = variable//'='//quoted(trim(s%name)//trim(column%suffix))
-      if (size(list) == 0 .or. (s%quantity == 'spring' .and. column%suffix == '.f') .or. &
-          s%quantity == 'contact' .or. (s%quantity == 'coordinate' .and. column%suffix == '.qdd')) then
-        call at%blame(faults, written//' is no quantity of motion: what quantity='//quoted(trim(s%quantity))//' shows there '// &
-          'follows from the forces themselves, expected a column of position, velocity, angle, angular_velocity, deflection, '// &
-          'coordinate (.q, .qd), distance, spring (.d) or contact (.gap)')
+      written = variable//'='//quoted(trim(s%name)//trim(column%suffix))//' is no column of motion of that sensor, expected '
+      if (size(list) == 0) then
+        call at%blame(faults, written//'one of position, velocity, angle, angular_velocity, deflection, coordinate, distance, '// &
+          'spring or contact: what quantity='//quoted(trim(s%quantity))//' shows follows from the forces themselves')
       else
-        call at%blame(faults, written//' is no column of that sensor, expected '// &
-                      quoted(joined(s%name(:len_trim(s%name))//list, ''' or ''')))    ! trim() with a list leaks
+        call at%blame(faults, written//quoted(joined(s%name(:len_trim(s%name))//list, ''' or ''')))    ! trim() with a list leaks
       end if
     end associate
   end subroutine find_column

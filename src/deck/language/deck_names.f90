@@ -1,7 +1,9 @@
 !> Names of one kind of thing and where they stand, found by hashing; also whether some could not be read, so that
 !> one fault does not raise others.
 module deck_names
-  use text, only: lower, nearest_word, word_hash
+  use kinds, only: ip
+  use text, only: lower, nearest_word
+  use text_checksum, only: digest
   use deck_origin, only: name_length
   implicit none (type, external)
   private
@@ -89,7 +91,7 @@ contains
   pure integer function slot_of(self, name) result(slot)
     class(name_table), intent(in) :: self
     character(*), intent(in) :: name   !! lower case
-    slot = modulo(word_hash(name), size(self%slots)) + 1
+    slot = int(modulo(digest(trim(name)), size(self%slots, kind=ip))) + 1
     do
       if (self%slots(slot) == 0) return
       if (self%names(self%slots(slot))%text == name) return
