@@ -25,7 +25,7 @@ contains
     type(history_record), intent(inout) :: h
     call take(deck, h)
     if (deck%is_choice('table')) then
-      call read_lists(deck, h%at%file, 'time', 'value', h%file, h%columns, h%time, h%values)
+      call read_lists(deck, 'time', 'value', h%file, h%columns, h%time, h%values)
       if (size(h%time) > 0 .and. deck%is_given('file')) call take_points('file', 'time (column '//to_text(h%columns(1))//')')
       if (size(h%time) > 0 .and. .not. deck%is_given('file')) call take_points('time', 'time')
     end if
@@ -76,9 +76,8 @@ contains
 
   !> Two lists of equal length, of the open group or from columns of its file, of which the deck keeps a line. Size 0: they could
   !> not be read.
-  subroutine read_lists(deck, from, first, second, file, columns, x, y)
+  subroutine read_lists(deck, first, second, file, columns, x, y)
     class(deck_source), intent(inout) :: deck
-    character(*), intent(in) :: from                   !! the deck's file, to which the path is relative
     character(*), intent(in) :: first, second          !! the keys of the lists
     character(:), allocatable, intent(in) :: file
     integer, allocatable, intent(inout) :: columns(:)  !! 1, 2 if not given
@@ -91,7 +90,7 @@ contains
         'columns=1,2 ('//first//', '//second//')')
       return
     end if
-    path = path_from(from, file)
+    path = path_from(deck%parts%sources(deck%file())%path, file)
     call read_file(path, content, problem)
     if (len(file) == 0) then
       problem = ' is empty, expected the name of a table of numbers beside this deck'

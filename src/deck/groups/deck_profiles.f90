@@ -27,7 +27,7 @@ contains
     type(profile_record), intent(inout) :: r
     real(wp), allocatable :: chord(:)             ! between neighbours [m]
     integer :: k, least
-    call read_lists(deck, r%at%file, 'x', 'y', r%file, r%columns, r%x, r%y)
+    call read_lists(deck, 'x', 'y', r%file, r%columns, r%x, r%y)
     if (.not. (deck%is_clean() .and. (deck%is_set('x') .or. deck%is_set('file'))) .or. size(r%x) /= size(r%y)) return   ! it is told
     least = merge(3, 2, r%closed)
     if (size(r%x) < least) then

@@ -320,7 +320,6 @@ contains
       do file = 1, source%parts%source_count
         if (source%parts%sources(file)%path == shown) return
       end do
-      file = 0
     end function file_of
 
     !> The faults by file, in the order in which the files were read, and by line; those of one line as they were found.

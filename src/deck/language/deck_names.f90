@@ -3,7 +3,6 @@
 module deck_names
   use kinds, only: ip
   use text, only: lower, nearest_word
-  use text_checksum, only: digest
   use deck_origin, only: name_length
   implicit none (type, external)
   private
@@ -91,13 +90,25 @@ contains
   pure integer function slot_of(self, name) result(slot)
     class(name_table), intent(in) :: self
     character(*), intent(in) :: name   !! lower case
-    slot = int(modulo(digest(trim(name)), size(self%slots, kind=ip))) + 1
+    slot = modulo(word_hash(name), size(self%slots)) + 1
     do
       if (self%slots(slot) == 0) return
       if (self%names(self%slots(slot))%text == name) return
       slot = modulo(slot, size(self%slots)) + 1
     end do
   end function slot_of
+
+  !> A number in 0..2147483647 that equal words share, blanks at the end not counted.
+  pure integer function word_hash(word) result(hash)
+    character(*), intent(in) :: word   !! lower case word
+    integer(ip) :: h
+    integer :: i
+    h = 5381_ip
+    do i = 1, len_trim(word)
+      h = iand(33_ip*h + iachar(word(i:i)), 2147483647_ip)
+    end do
+    hash = int(h)
+  end function word_hash
 
   !> Makes room for one more name; at most half of the slots are ever taken.
   subroutine reserve(self)
