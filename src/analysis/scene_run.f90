@@ -23,7 +23,7 @@ module scene_run
   use validity, only: validity_watch
   implicit none (type, external)
   private
-  public :: run_state, prepare_run, relax, no_output, stop_if_signalled
+  public :: run_state, prepare_run, assemble_run, relax, no_output, stop_if_signalled
 
   !> What analyses share.
   type :: run_state
@@ -81,19 +81,27 @@ contains
     call self%model_words%exchange(a)
   end subroutine exchange_model
 
-  !> Builds and assembles the scene of a deck, in place of the one that the run has had; faults of the deck go to faults, failed
-  !> assembly to fail.
+  !> Builds and assembles the scene of a deck; faults of the deck go to faults, failed assembly to fail.
   subroutine prepare_run(run, faults, fail)
     type(run_state), intent(inout) :: run     !! run%d is set
     type(fault_list), intent(inout) :: faults
     type(failure), intent(inout) :: fail
     type(scene) :: s
     character(:), allocatable :: contradiction
-    real(wp), allocatable :: q(:), v(:)       ! (nq) [m, rad] and per second
-    type(sensor_list) :: list
     call build(run%d, s, faults)
     if (faults%count > 0) return
     call start_through_clearances(run%d, s, contradiction)
+    call assemble_run(run, s, fail)
+    if (len(contradiction) > 0 .and. .not. fail%happened()) call add_warning(run%assembly, contradiction)
+  end subroutine prepare_run
+
+  !> Assembles a scene that is built, in place of what the run has had; tests do so with kinds that the program does not have.
+  subroutine assemble_run(run, s, fail)
+    type(run_state), intent(inout) :: run     !! run%d is set
+    type(scene), intent(in) :: s
+    type(failure), intent(inout) :: fail
+    real(wp), allocatable :: q(:), v(:)       ! (nq) [m, rad] and per second
+    type(sensor_list) :: list
     if (allocated(run%sys)) deallocate (run%sys)
     allocate (mechanism_system :: run%sys)
     run%list = list
@@ -103,12 +111,11 @@ contains
     if (run%assembly%open) call explain_open_joints(run%d, fail)
     if (run%assembly%culprit > 0) fail%deck_line = deck_line_of(run%d, run%assembly%culprit)
     if (fail%happened()) return
-    if (len(contradiction) > 0) call add_warning(run%assembly, contradiction)
     run%y(1:2*s%nq) = [q, v]
     run%sys%options = usual_options(s)
     call relax(run%sys, run%sys%options%prestress, run%y)
     call set_up_sensors(run%d, run%sys%m, run%list)
-  end subroutine prepare_run
+  end subroutine assemble_run
 
   !> Results that cannot be written.
   subroutine no_output(run, fail)

@@ -1,13 +1,14 @@
-!> Warns of probable mistakes in a deck: units other than SI, degrees, keys that change nothing.
+!> Warns of probable mistakes in a deck: units other than SI, degrees, parts that do nothing.
 !> The deck runs as it is written.
 module typical_mistakes
   use kinds, only: wp, pi
+  use acting_markers, only: list_markers
   use build_factors, only: gives_back
   use deck_origin, only: origin
-  use deck_records, only: deck
+  use deck_records, only: deck, marker_record
   use deck_temperature, only: has_shift
   use posix, only: tell
-  use text, only: to_text
+  use text, only: quoted, to_text
   implicit none (type, external)
   private
   public :: warn_of_mistakes
@@ -22,7 +23,7 @@ contains
     type(deck), intent(in) :: d
     logical, intent(in) :: check          !! a deck that is only checked needs no analysis
     integer :: k
-    call idle_keys(d)
+    call idle_parts(d)
     do k = 1, merge(size(d%forces), 0, check)
       call warn_if(gives_back(d, d%forces(k)), d%forces(k)%at, 'it follows a place on both ways: what it takes on one it gives '// &
                    'back on the other. To act on one stroke alone it needs a history of kind=''switch''')
@@ -31,27 +32,35 @@ contains
     call degrees(d)
     call warn_if(norm2(d%scene%gravity) > 1000.0_wp, d%scene%at, 'gravity of '//to_text(norm2(d%scene%gravity))// &
                  ' m/s2: mm/s2 for m/s2?')
+    call loose_bodies(d)
     if (check) call warn_if(.not. d%parameters%used, d%parameters%at, 'no expression uses it')
     if (check .or. d%static%present .or. d%modal%present .or. d%response%present .or. d%transient%present) return
     call tell(d%path//': warning: no analysis (&static, &modal, &frequency_response, &transient): the mechanism is '// &
               'assembled, nothing else')
   end subroutine warn_of_mistakes
 
-  !> Keys that change nothing where they stand.
-  subroutine idle_keys(d)
+  !> Forces and lumps that keep their default of 0, forces and controllers that act nowhere, accuracies that nothing asks for.
+  subroutine idle_parts(d)
     type(deck), intent(in) :: d
     integer :: k
+    call warn_if(d%forces%type == 'force' .and. max(abs(d%forces%fx), abs(d%forces%fy)) <= 0.0_wp, d%forces%at, &
+                 'fx and fy are 0: it pushes nothing')
     call warn_if(d%forces%controller > 0 .and. d%forces%stage == 'static', d%forces%at, 'stage=''static'' beside controller: '// &
                  'controllers act in the transient alone, so that the force never acts')
+    do k = 1, size(d%controllers)
+      call warn_if(.not. any(d%forces%controller == k), d%controllers(k)%at, 'no force obeys it (controller='//quoted( &
+                   trim(d%controllers(k)%name))//' of a &force): it moves nothing')
+    end do
     if (.not. d%transient%accuracy > 0.0_wp) call warn_if(max(d%sensors%accuracy, d%sensors%floor) > 0.0_wp, d%sensors%at, &
       'accuracy and floor are those of a &transient with accuracy: nothing uses them here')
+    call warn_if(max(d%lumps%mass, d%lumps%inertia) <= 0.0_wp, d%lumps%at, 'mass and inertia are 0: it adds nothing')
     call warn_if(d%scene%temperature < huge(1.0_wp) .and. .not. (any(has_shift(d%materials%law)) .or. any(has_shift( &
                  d%springs%law)) .or. any(d%bodies%thermal_resistance > 0.0_wp)), d%scene%at, idle)
     do k = 1, size(d%bodies)
       call warn_if(d%bodies(k)%temperature < huge(1.0_wp) .and. .not. (any(has_shift(d%materials%law) .and. d%materials%body == &
                    k) .or. d%bodies(k)%thermal_resistance > 0.0_wp), d%bodies(k)%at, idle)
     end do
-  end subroutine idle_keys
+  end subroutine idle_parts
 
   !> Materials of flexible bodies whose speed of sound is that of no solid.
   subroutine odd_materials(d)
@@ -101,6 +110,19 @@ contains
                 ' turns: degrees for radians?')
     end subroutine check_angle
   end subroutine degrees
+
+  !> Bodies beside others that nothing holds, touches or sets in motion.
+  subroutine loose_bodies(d)
+    type(deck), intent(in) :: d
+    type(marker_record), allocatable :: named(:, :)
+    logical :: attached(0:size(d%bodies))
+    if (size(d%joints) + size(d%springs) + size(d%drives) == 0) return
+    attached = .false.
+    named = list_markers(d)
+    attached([named%body]) = .true.
+    call warn_if(.not. (attached(1:) .or. d%bodies%velocity_stated .or. d%bodies%angular_velocity_stated), d%bodies%at, &
+                 'no joint, drive, spring or force names it: it is left to itself')
+  end subroutine loose_bodies
 
   !> A warning with the line of its group.
   subroutine warn(at, why)

@@ -5,7 +5,7 @@ module acting_markers
   use scene_model, only: scene
   implicit none (type, external)
   private
-  public :: list_acting, coordinates_under_load
+  public :: list_markers, list_acting, coordinates_under_load
 
   !> A marker of the deck, and what acts on it.
   type, public :: acting_marker

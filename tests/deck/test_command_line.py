@@ -127,12 +127,17 @@ def test_with_several_decks_the_highest_status_and_the_good_ones_run(biela, tmp_
     assert not (tmp_path / "results" / "bad").exists()
 
 
-def test_forces_and_lumps_of_zero_run(biela, tmp_path):
-    """Their values have defaults of 0 (input/README.md): the deck runs as if they were not there."""
+def test_forces_and_lumps_of_zero_run_with_a_warning(biela, tmp_path):
+    """Their values have defaults of 0 (input/README.md): the deck runs as if they were not there, and says so."""
     (tmp_path / "plain.nml").write_text(DECK, encoding="utf-8")
     (tmp_path / "idle.nml").write_text(DECK + "&force name='f' body='a' /\n&lump body='a' /\n", encoding="utf-8")
     assert call(biela, tmp_path, "--quiet", "plain.nml").stderr == ""
-    assert call(biela, tmp_path, "--quiet", "idle.nml").returncode == 0
+    done = call(biela, tmp_path, "--quiet", "idle.nml")
+    assert done.returncode == 0
+    assert done.stderr.splitlines() == [
+        "idle.nml:6: force/f: warning: fx and fy are 0: it pushes nothing",
+        "idle.nml:7: lump: warning: mass and inertia are 0: it adds nothing",
+    ]
     rows = [(tmp_path / "results" / name / "history.txt").read_text().splitlines()[3:] for name in ("plain", "idle")]
     assert rows[0] == rows[1]
 

@@ -55,11 +55,21 @@ SLIPS = {
         "&force name='f' type='torque' body='d' moment=1.0 controller='c' stage='static' /\n",
         "12: force/f: warning: stage='static' beside controller",
     ),
+    "a controller of nothing": (
+        PLAIN + "&history name='h' kind='polynomial' coefficients=1.0 /\n&sensor name='a' quantity='angle' body='d' /\n"
+        "&controller name='c' argument='a' history='h' kp=1.0 /\n",
+        "11: controller/c: warning: no force obeys it",
+    ),
     "an accuracy that nothing keeps": (
         PLAIN + "&sensor name='a' quantity='angle' body='d' floor=1e-3 /\n",
         "9: sensor/a: warning: accuracy and floor are those of a &transient with accuracy",
     ),
     "gravity in mm": (PLAIN.replace("9.81", "9810.0"), "1: scene: warning: gravity of 9810 m/s2"),
+    "loose": (PLAIN + "&body name='x' mass=1.0 inertia=1.0 /\n", "9: body/x: warning: no joint, drive, spring or force names it"),
+    "loose beside a spring": (
+        TOP + DISC + "&spring name='k' type='torsional' body_a='d' stiffness=1.0 /\n&body name='x' mass=1.0 inertia=1.0 /\n" + RUN,
+        "6: body/x: warning: no joint, drive, spring or force names it",
+    ),
 }
 
 
@@ -90,6 +100,7 @@ MEANT = {
     "turns of a driven crank": PLAIN.replace("com=0.1,0.0", "com=0.1,0.0 angle=7.853981633974483")
     + "&history name='h' kind='polynomial' coefficients=7.853981633974483,3.0 /\n"
     + "&drive name='x' type='rotation' body_a='d' history='h' /\n",
+    "a thrown body": PLAIN + "&body name='x' mass=1.0 inertia=1.0 velocity=1.0,0.0 /\n",
     "unused material": PLAIN + "&material name='x' density=1.0 young=1.0 /\n",
 }
 
@@ -99,7 +110,7 @@ def test_what_may_be_meant_is_not_told(run_deck, case):
     assert run_deck(MEANT[case], "--check").stderr == ""
 
 
-WORDS = ("solids have", "turns: degrees", "mm/s2")
+WORDS = ("solids have", "turns: degrees", "mm/s2", "names it: it is left")
 SOLIDS = [(7800, 2.1e11), (2700, 7e10), (1100, 1e6), (1200, 3e9), (1600, 2.1e10), (600, 1e10), (3500, 1.1e12), (930, 2e8)]
 
 

@@ -299,9 +299,12 @@ contains
     real(wp), intent(in) :: q(:)                    !! (nf) [m, rad]
     real(wp), intent(out) :: a(n)                   !! [m, rad]
     integer :: k
-    a = 0.0_wp
     do k = 1, n
-      if (at(k) > 0) a(k) = q(at(k))
+      if (at(k) > 0) then
+        a(k) = q(at(k))
+      else
+        a(k) = 0.0_wp
+      end if
     end do
   end subroutine nodal_values
 
