@@ -92,14 +92,12 @@ contains
     integer, intent(in) :: n                  !! coordinates of one term
     real(wp), intent(in) :: d(n)              !! deformations [m, rad]
     real(wp), intent(in) :: z(*), zd(*)       !! (nz), (nzd) of the scene [m, rad], [m/s, rad/s]
-    real(wp) :: apart(n)                      ! d - z [m, rad]
     integer :: k, o
     energy = 0.0_wp
     associate (law => self%law)
       do k = 1, law%second + law%first
         o = self%start(k) + 1
-        apart = d - z(o:o + n - 1)
-        energy = energy + 0.5_wp*law%alpha(k)*self%product(n, apart, apart)
+        energy = energy + 0.5_wp*law%alpha(k)*(self%product(n, d, d) - 2*self%product(n, d, z(o)) + self%product(n, z(o), z(o)))
         if (k <= law%second) energy = energy + 0.5_wp*law%alpha(k)*law%inertia(k)*self%product(n, zd(o), zd(o))
       end do
     end associate

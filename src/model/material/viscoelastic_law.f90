@@ -33,9 +33,8 @@ contains
   pure function ratio(self, s) result(g)
     class(viscoelastic_terms), intent(in) :: self
     complex(wp), intent(in) :: s               !! [1/s]
-    complex(wp) :: g, a(size(self%alpha))
-    a = s*(self%viscosity + self%inertia*s)
-    g = sum(self%alpha*a/(1 + a))
+    complex(wp) :: g
+    g = sum(self%alpha*s*(self%viscosity + self%inertia*s)/(1 + s*(self%viscosity + self%inertia*s)))
   end function ratio
 
   !> Whether a term has a pole at s: the law has no value there.

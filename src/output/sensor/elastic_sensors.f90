@@ -1,7 +1,7 @@
 !> The elastic motion of a body in its own axes: displacement and rotation of a node, a coordinate with its derivatives.
 module elastic_sensors
   use kinds, only: wp
-  use sensor, only: observation, sensor_model, harmonic_motion
+  use sensor, only: observation, sensor_model, harmonic_motion, elastic_motion
   implicit none (type, external)
   private
 
@@ -38,9 +38,7 @@ contains
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
     complex(wp), intent(inout) :: x(:)        !! [m], [m], [rad]
-    associate (i => at%m%s%qo(self%marker%body) + 3, n => at%m%s%bodies(self%marker%body)%nf)
-      x(1:3) = cmplx(self%marker%elastic(real(motion%x(i + 1:i + n), wp)), self%marker%elastic(aimag(motion%x(i + 1:i + n))), wp)
-    end associate
+    x(1:3) = elastic_motion(at%m, self%marker, motion%x)
   end subroutine deflection_amplitude
 
   !> Coordinate and rate from the state, acceleration from the evaluation.

@@ -8,7 +8,7 @@ module sensor
   use measure, only: measure_model
   implicit none (type, external)
   private
-  public :: marker_motion, pair_motion, quantity_amplitude, vector_to_global
+  public :: elastic_motion, marker_motion, pair_motion, quantity_amplitude, vector_to_global
 
   !> A harmonic motion x exp(s t), with multipliers lambda exp(s t), about the present state.
   type, public :: harmonic_motion
@@ -62,6 +62,21 @@ contains
     x = 0.0_wp
   end subroutine no_amplitude
 
+  !> Elastic displacement (u, v, rotation) in body axes: of a node, or of a marker that coordinates move (`elastic_marker`).
+  pure function elastic_motion(m, marker, x) result(u)
+    type(mechanism_model), intent(in) :: m
+    type(marker_model), intent(in) :: marker
+    complex(wp), intent(in) :: x(:)           !! (nq) [m, rad]
+    complex(wp) :: u(3)                       !! [m, rad]
+    associate (b => m%s%bodies(marker%body), i => m%s%qo(marker%body) + 3, n => m%s%bodies(marker%body)%nf)
+      if (marker%node > 0) then
+        u = cmplx(b%displacement(marker%node, real(x(i + 1:i + n), wp)), b%displacement(marker%node, aimag(x(i + 1:i + n))), wp)
+      else
+        u = cmplx(marker%elastic(real(x(i + 1:i + n), wp)), marker%elastic(aimag(x(i + 1:i + n))), wp)
+      end if
+    end associate
+  end function elastic_motion
+
   !> Displacement of a marker in body axes, and of its section's angle; the ground has none.
   pure function marker_motion(m, marker, rho, x) result(w)
     type(mechanism_model), intent(in) :: m
@@ -71,9 +86,9 @@ contains
     complex(wp) :: w(3)                       !! [m, rad]
     w = 0.0_wp
     if (marker%body == 0) return
-    associate (i => m%s%qo(marker%body), n => m%s%bodies(marker%body)%nf)
-      w = cmplx(marker%displacement(rho, real(x(i + 1:i + 3), wp), real(x(i + 4:i + 3 + n), wp)), &
-                marker%displacement(rho, aimag(x(i + 1:i + 3)), aimag(x(i + 4:i + 3 + n))), wp)
+    associate (frame => x(m%s%qo(marker%body) + 1:m%s%qo(marker%body) + 3))
+      w = frame + elastic_motion(m, marker, x)
+      w(1:2) = w(1:2) + frame(3)*[-rho(2), rho(1)]
     end associate
   end function marker_motion
 

@@ -1,7 +1,7 @@
 !> The lowest modes of a flexible body under its reference conditions (free-free modes for reference 'free'), mass-normalised
 !> with lumps included: densely for small bodies, by subspace iteration beyond. Set-up work only.
 module body_modes
-  use kinds, only: wp, half_digits
+  use kinds, only: wp
   use banded, only: band_factor, band_solve
   use block_lanczos, only: inertia_operator, krylov_modes, iterate_subspace, inverse_iteration, orthonormalise
   use body, only: body_model
@@ -17,9 +17,11 @@ module body_modes
   integer, parameter :: dense_size = 90   !! coordinates up to which all modes are computed densely: beyond, the lowest lose digits
   integer, parameter :: polish_passes = 2, most_passes = 200
   integer, parameter :: static_passes = 3 !! solutions with a shifted stiffness that make one static solution
+  real(wp), parameter :: as_one_beam = 500.0_wp   !! squared lowest frequency of a free beam, of EI/(m l^3) [-]
   integer, parameter :: most_corrections = 10    !! of a solution: a factor that needs more has lost its digits
-  real(wp), parameter :: last_correction = half_digits   !! root of its energy over the solution's [-]
-  real(wp), parameter :: dependent = half_digits   !! what is left of a shape that the others already contain [-]
+  real(wp), parameter :: last_correction = 1.0e-7_wp   !! root of its energy over the solution's; frequencies err by the square [-]
+  real(wp), parameter :: dependent = 1.0e-7_wp   !! what is left of a shape that the others already contain [-]
+  real(wp), parameter :: far_below = 1.0e-3_wp   !! of the largest squared frequency: dense modes below it are polished [-]
 
   !> K + shift M and m_ff of a body.
   type, extends(inertia_operator) :: body_operator
@@ -27,6 +29,7 @@ module body_modes
     type(band_factor) :: factor                          !! of K + shift M
     type(body_model) :: body
     type(nodal_model) :: elements                        !! deformations and forces of its elements
+    logical :: corrected = .true.                        !! solutions are corrected by their residuals
     logical :: not_converged = .false.                   !! the corrections of one did not converge
   contains
     procedure :: set_up
@@ -37,32 +40,44 @@ module body_modes
 
 contains
 
-  !> Lowest elastic modes in nodal coordinates. Inverse iteration comes last: errors of the lowest modes were those of the highest
-  !> frequency, with a heavy lump on a light beam a large part of them.
+  !> Lowest elastic modes in nodal coordinates.
   subroutine lowest_modes(b, modes, x, w, bad)
     type(body_model), intent(in) :: b
     integer, intent(in) :: modes
     real(wp), allocatable, intent(out) :: x(:, :)        !! (nf, modes) mass-normalised [m, rad, over kg^.5 m]
     real(wp), allocatable, intent(out) :: w(:)           !! (modes) squared frequencies [rad2/s2]
     logical, intent(out) :: bad
+    call modes_with_shift(b, modes, .false., x, w, bad)
+    if (bad) call modes_with_shift(b, modes, .true., x, w, bad)
+  end subroutine lowest_modes
+
+  !> The same with a shift of the operator.
+  subroutine modes_with_shift(b, modes, large_shift, x, w, bad)
+    type(body_model), intent(in) :: b
+    integer, intent(in) :: modes
+    logical, intent(in) :: large_shift                   !! of the order of the lowest squared frequency
+    real(wp), allocatable, intent(out) :: x(:, :)        !! (nf, modes) mass-normalised [m, rad, over kg^.5 m]
+    real(wp), allocatable, intent(out) :: w(:)           !! (modes) squared frequencies [rad2/s2]
+    logical, intent(out) :: bad
     type(body_operator) :: op
-    real(wp) :: f(b%nf, modes)                           ! [N, N m, over kg^.5 m]
-    integer :: j, pass
-    logical :: ok
-    call op%set_up(b, bad)
+    real(wp) :: highest                                  ! squared frequency that is known [rad2/s2]
+    integer :: j
+    call op%set_up(b, large_shift, bad)
     if (bad) return
     if (b%nf <= dense_size .or. 2*(modes + size(op%rigid, 2)) >= b%nf) then
-      call dense_modes(b, size(op%rigid, 2), modes, x, bad)
-    else
-      call subspace_modes(op, modes, x, bad)
-    end if
-    do pass = 1, polish_passes
+      call dense_modes(b, op, modes, x, w, highest, bad)
       if (bad) return
-      call inverse_iteration(op, x, f, ok)
-      bad = .not. ok .or. op%not_converged
+    else
+      call subspace_modes(op, modes, x, w, bad)
+      if (bad) return
+      highest = w(modes)
+    end if
+    call polish(op, x(:, 1:count(w <= far_below*highest)), bad)
+    bad = bad .or. op%not_converged
+    do j = 1, size(x, 2)
+      w(j) = dot_product(x(:, j), op%stiffness_times(x(:, j)))
     end do
-    w = [(dot_product(x(:, j), op%stiffness_times(x(:, j))), j=1, modes)]
-  end subroutine lowest_modes
+  end subroutine modes_with_shift
 
   !> Appends to the modes the static shapes of given loads (Craig & Bampton 1968; with free rigid motions their inertia balances
   !> the load: Craig & Chang 1977). The shapes are made mass-orthogonal to the modes and
@@ -77,7 +92,7 @@ contains
     real(wp), allocatable :: y(:, :), f(:, :), part(:), kk(:, :), lambda(:), work(:)
     real(wp) :: my(b%nf), whole, length                  ! of a shape [kg m, kg m2], [kg^.5 m]
     integer :: j, n, m, info
-    call op%set_up(b, bad)
+    call op%set_up(b, .false., bad)
     if (bad) return
     m = size(x, 2)
     allocate (y(b%nf, m + size(loads, 2)), f(b%nf, m + size(loads, 2)))
@@ -114,7 +129,7 @@ contains
     type(body_operator) :: op
     real(wp) :: f(size(loads, 1)), scale                 ! [N, N m], [-]
     integer :: j
-    call op%set_up(b, bad)
+    call op%set_up(b, .false., bad)
     if (bad) return
     do j = 1, size(loads, 2)
       call static_shape(op, loads(:, j), y(:, j), f)
@@ -148,16 +163,21 @@ contains
   end subroutine static_shape
 
   !> Prepares the operator. A shift far below the lowest frequency, zero where no rigid motion is free, parts the lowest modes in
-  !> few solutions.
-  subroutine set_up(self, b, bad)
+  !> few solutions; the factor of one with a large shift loses fewer digits.
+  subroutine set_up(self, b, large_shift, bad)
     class(body_operator), intent(inout) :: self
     type(body_model), intent(in) :: b
+    logical, intent(in) :: large_shift                   !! of the order of the lowest squared frequency
     logical, intent(out) :: bad                          !! the stiffness is not positive definite
     self%body = b
     self%elements = elements_of(b)
     call find_rigid_modes(b, self)
-    self%shift = 0.0_wp
-    if (size(self%rigid, 2) > 0) self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
+    self%shift = minval(b%elements%ei_l*b%elements%length)/(b%mass*max(b%length, tiny(1.0_wp))**3)
+    if (large_shift) then
+      self%shift = as_one_beam*self%shift
+    else if (size(self%rigid, 2) == 0) then
+      self%shift = 0.0_wp
+    end if
     call factor_entries(b%op%symmetric, b%op%k + self%shift*(b%op%m + b%op%j), self%factor, bad)
   end subroutine set_up
 
@@ -211,6 +231,7 @@ contains
         correction = correction - dot_product(self%rigid(:, i), self%mass_times(correction))*self%rigid(:, i)
       end do
       y = y + correction
+      if (.not. self%corrected) return
       if (dot_product(correction, residual) <= last_correction**2*dot_product(y, force)) return
       residual = force - self%stiffness_times(y) - self%shift*self%mass_times(y)
     end do
@@ -241,16 +262,19 @@ contains
     call mass_product(self%body%op, x, y)
   end function mass_times
 
-  !> The lowest modes of a small body, from all of them.
-  subroutine dense_modes(b, rigid, modes, x, bad)
+  !> All modes of a small body.
+  subroutine dense_modes(b, op, modes, x, w, highest, bad)
     type(body_model), intent(in) :: b
-    integer, intent(in) :: rigid                         !! free rigid motions, which come first
+    type(body_operator), intent(in) :: op
     integer, intent(in) :: modes
     real(wp), allocatable, intent(out) :: x(:, :)        !! (nf, modes) [m, rad, over kg^.5 m]
+    real(wp), allocatable, intent(out) :: w(:)           !! (modes) [rad2/s2]
+    real(wp), intent(out) :: highest                     !! squared frequency of all [rad2/s2]
     logical, intent(out) :: bad
-    real(wp), allocatable :: k(:, :), m(:, :), lambda(:), work(:)
+    real(wp), allocatable :: k(:, :), m(:, :), lambda(:), part(:), work(:)
     integer, allocatable :: iwork(:)
-    integer :: n, info
+    real(wp) :: mx(b%nf), length                         ! [kg m, kg m2], [kg^.5 m]
+    integer :: nr, j, n, info
     n = b%nf
     k = dense(n, b%op%symmetric, b%op%k)
     m = dense(n, b%op%symmetric, b%op%m + b%op%j)
@@ -258,7 +282,13 @@ contains
     call dsygvd(1, 'V', 'L', n, k, n, m, n, lambda, work, size(work), iwork, size(iwork), info)
     bad = info /= 0
     if (bad) return
-    x = k(:, rigid + 1:rigid + modes)
+    highest = lambda(n)
+    nr = size(op%rigid, 2)
+    x = k(:, nr + 1:nr + modes)
+    w = lambda(nr + 1:nr + modes)
+    do j = 1, merge(modes, 0, nr > 0)
+      call orthonormalise(op, op%rigid, x(:, j), mx, part, length)
+    end do
   end subroutine dense_modes
 
   !> A matrix from its entries on a pattern.
@@ -274,12 +304,29 @@ contains
     end do
   end function dense
 
+  !> Repeats inverse iteration on the lowest modes, whose errors are those of the highest frequency: with a heavy lump on a light
+  !> beam they are a large part of the lowest.
+  subroutine polish(op, x, bad)
+    type(body_operator), intent(inout) :: op
+    real(wp), intent(inout) :: x(:, :)                   !! (nf, low) [m, rad, over kg^.5 m]
+    logical, intent(out) :: bad
+    real(wp) :: f(size(x, 1), size(x, 2))                ! [N, N m, over kg^.5 m]
+    integer :: pass
+    logical :: ok
+    ok = .true.
+    do pass = 1, polish_passes
+      if (ok) call inverse_iteration(op, x, f, ok)
+    end do
+    bad = .not. ok
+  end subroutine polish
+
   !> Lowest modes by subspace iteration with the banded factor of K + shift M, from the modes of a Krylov space, which are exact
   !> but for rounding.
-  subroutine subspace_modes(op, modes, x, bad)
+  subroutine subspace_modes(op, modes, x, w, bad)
     type(body_operator), intent(inout) :: op
     integer, intent(in) :: modes                         !! modes wanted
     real(wp), allocatable, intent(out) :: x(:, :)        !! (nf, modes) [m, rad, over kg^.5 m]
+    real(wp), allocatable, intent(out) :: w(:)           !! (modes) [rad2/s2]
     logical, intent(out) :: bad
     real(wp), allocatable :: y(:, :)
     real(wp), allocatable :: lambda(:), old(:)           ! squared frequencies + shift, of the last pass [rad2/s2]
@@ -289,7 +336,9 @@ contains
     n = size(op%rigid, 1)
     p = min(n - size(op%rigid, 2), modes + 8)
     allocate (y(n, p), lambda(p))
+    op%corrected = .false.
     call krylov_modes(op, min(n - size(op%rigid, 2), 2*p + 20), y, lambda, ok)
+    op%corrected = .true.
     before = huge(1.0_wp)
     do pass = 1, most_passes
       bad = .not. ok .or. op%not_converged
@@ -301,5 +350,6 @@ contains
       before = change
     end do
     x = y(:, 1:modes)
+    w = lambda(1:modes) - op%shift
   end subroutine subspace_modes
 end module body_modes
