@@ -27,7 +27,6 @@ module switching
     type(switch_event), allocatable :: items(:)
   contains
     procedure :: add
-    procedure :: remove
     procedure :: rebound_of
     procedure :: exchange
   end type event_list
@@ -174,14 +173,6 @@ contains
     self%count = self%count + 1
     self%items(self%count) = event
   end subroutine add
-
-  !> Takes an event away.
-  pure subroutine remove(self, k)
-    class(event_list), intent(inout) :: self
-    integer, intent(in) :: k                  !! which
-    self%items(k:self%count - 1) = self%items(k + 1:self%count)
-    self%count = self%count - 1
-  end subroutine remove
 
   !> The event of this time by which an element is left open after an impact; 0: none.
   pure integer function rebound_of(self, element, t) result(k)

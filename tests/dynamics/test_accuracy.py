@@ -114,6 +114,16 @@ def test_estimates_of_resolved_motion_are_the_errors(run_deck, method):
         assert estimates(run)["a"][0] == pytest.approx(np.abs(run.history["a"] - exact["a"]).max(), rel=0.1)
 
 
+def test_the_second_run_shortens_max_step(run_deck):
+    """Steps that it sets do not know the tolerance: two runs would err alike."""
+    swing = PENDULUM.format(y=0.0).split("&transient")[0] + "&transient t_end=2.0 output_step=0.5 method='radau' {} /\n"
+    run = run_deck(swing.format("tolerance=0.1 max_step=0.1 check_error=.true."))
+    exact = run_deck(swing.format("tolerance=1e-11"), name="exact")
+    assert run.transient["longest_step"] == pytest.approx(0.1, rel=1e-9)
+    off = np.abs(run.history["a"] - exact.history["a"]).max()
+    assert estimates(run)["a"][0] == pytest.approx(4 / 3 * off, rel=0.1)
+
+
 def test_estimates_of_modal_coordinates_are_the_errors(run_deck):
     """In the units of mass-orthonormal shapes; what a straight bar does is rounding, and not a share of its range."""
     deck = CANTILEVER.replace("axial=.false.", "modes=2")

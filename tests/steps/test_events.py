@@ -302,3 +302,4 @@ def test_unlike_events_of_one_stop_differ_from_the_earlier_one(run_deck):
     )
     assert run.transient["events_differ_from"] == pytest.approx(0.66, abs=0.01)
     assert "rows beyond are not predictable" in run.stderr
+    assert run.transient["estimated_errors"]["b.x[m]"] > 0.05  # beyond the events, too: not 0 before them

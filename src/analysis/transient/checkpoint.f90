@@ -15,7 +15,7 @@ module checkpoint
   public :: write_checkpoint, read_checkpoint, remove_checkpoint
 
   character(*), parameter :: name = '/checkpoint'
-  character(*), parameter :: layout = ' values 9'            !! version of an archive's contents: count up where they change
+  character(*), parameter :: layout = ' values 10'           !! version of an archive's contents: count up where they change
   integer(ip), parameter :: mark = 7089336938131513954_ip    !! first word of every checkpoint
   integer, parameter :: frame = 5                            !! words beside the values
 

@@ -21,8 +21,7 @@ module mechanism_events
   implicit none (type, external)
   private
 
-  !> Between evaluations of a difference quotient, of an output step: its error and that of rounding are alike then [-].
-  real(wp), parameter :: difference_time = sqrt(resting)
+  real(wp), parameter :: difference_time = sqrt(resting)   !! of difference quotients, of an output step: as rounding asks [-]
   real(wp), parameter :: least_change = 1.0e3_wp       !! of a root; a smaller one is rounding; of what counts as zero [-]
   integer, parameter :: checked_per_step = 4  !! joints whose Painleve's ratio is found in an accepted step
 
