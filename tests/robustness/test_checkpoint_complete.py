@@ -50,7 +50,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     },
     ("results", "result_set", "results", "self"): {"incomplete", "values", "used", "suffix"},
     ("energy_balance", "balance_watch", "energy_balance", "self"): {"least", "strain", "along", "columns"},
-    ("stored_pass", "pass_rows", "stored_pass", "self"): set(),
+    ("stored_pass", "pass_rows", "stored_pass", "self"): {"output_step", "t_end"},
     ("text_file", "result_file", "text_file", "self"): {"buffer", "failed", "handle", "used", "written"},
     ("validity", "validity_watch", "transient", "run%watch"): {"weight"},
     ("step_monitor", "stability_monitor", "transient", "x"): {
