@@ -213,7 +213,9 @@ def test_pictures_show_the_profile_and_its_follower_where_they_are(run_deck):
     deck += "&profile name='disc' kind='law' history='lift' base_radius=0.025 radius=0.008 /\n"
     deck += "&stop name='s' type='profile' body_a='f' radius=0.01 body_b='cam' profile='disc' restitution=0.5 /\n"
     deck += "&sensor name='c' quantity='contact' stop='s' /\n&sensor name='k' quantity='controller' controller='k' /\n"
-    deck += "&history name='zero' kind='polynomial' coefficients=0 /\n&controller name='k' argument='c.gap' history='zero' kp=-3 /\n"
+    deck += (
+        "&history name='zero' kind='polynomial' coefficients=0 /\n&controller name='k' argument='c.gap' history='zero' kp=-3 /\n"
+    )
     deck += "&force name='shaft' type='force' body='cam' fx=1 controller='k' /\n"
     run = run_deck(deck + "&transient t_end=0.15 method='rk4' step=1e-3 motion_step=1e-3 /\n")
     mechanism = from_run(run.motion)

@@ -32,7 +32,7 @@ module turn_map
     logical, allocatable :: turning(:)               !! (compared) angles of frames: they repeat up to whole turns
     logical :: moves_on = .false.                    !! some frames need not repeat
     real(wp), allocatable :: scale(:)                !! (compared) [m, rad], [m/s, rad/s]
-    real(wp) :: difference = 0.0_wp                  !! of a central quotient of the map, whose errors are least there, of the scales [-]
+    real(wp) :: difference = 0.0_wp                  !! of a central quotient, whose errors are least there, of the scales [-]
     real(wp) :: noise = 0.0_wp                       !! what rounding of the map makes of such a quotient [-]
   contains
     procedure :: begin

@@ -1,4 +1,4 @@
-!> What the keys of one group ask of each other, as the rows of the table say it (`keys.txt`): a word, and the keys that it is about.
+!> What the keys of one group ask of each other, as the rows of `keys.txt` say it: a word, and the keys that it is about.
 module deck_rules
   use kinds, only: wp
   use text, only: either, listed, to_text
