@@ -53,23 +53,14 @@ contains
     if (.not. ok) return
     associate (nq => self%nq, z => self%nq + 1)
       call system%deformations(t1, self%x1(1:nq), self%v1(1:nq), self%dx(z:))
-      if (system%linear > 0) call end_linear(self, system, size(self%x) - system%linear + 1)
+      associate (first => size(self%x) - system%linear + 1, c2 => self%now%c2)   ! linear states, whose gain is 1
+        if (system%linear > 0) self%dx(first:) = system%linear_part(c2, self%dx(first:) + c2*self%x1(first:) - self%v1(first:))
+      end associate
       self%dx(z:) = self%gain*(self%dx(z:) - self%x1(z:) - system%viscosity*self%v1(z:) - system%inertia*self%vd1(z:))
       call add_correction(self, z, size(self%x))
     end associate
     call close_rates(self, system, t1, ok)
   end subroutine solve_trial
-
-  !> Linear states at the end of the step from what drives them there: their gain is 1.
-  subroutine end_linear(self, system, first)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(in) :: system
-    integer, intent(in) :: first              !! of them
-    complex(wp) :: y(system%linear)           ! [any]
-    y = self%dx(first:) + self%now%c2*self%x1(first:) - self%v1(first:)
-    call system%solve_linear(cmplx(self%now%c2, 0.0_wp, wp), y)
-    self%dx(first:) = real(y, wp)
-  end subroutine end_linear
 
   !> Puts rates and accelerations of the trial step onto phi' = 0 and phi'' = 0, so that nothing is left of what the method's
   !> sequences carry in the constrained directions (theory.md, section 7). Accelerations are off by c1 h times the error of the

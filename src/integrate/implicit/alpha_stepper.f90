@@ -38,7 +38,8 @@ contains
   end subroutine set_up
 
   !> Tries a step. After a shorter one the method starts anew: a step knows its accelerations to the rounding of positions over h2,
-  !> so that those of a short piece would shake a longer one. A shorter one changes the method's variables.
+  !> so that those of a short piece would shake a longer one. A shorter one changes the method's variables: the difference of a and
+  !> v' is scaled with the step (Bruels & Arnold 2008), the offset of rates with its square.
   subroutine solve_step(self, system, h, ok)
     class(alpha_march), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
@@ -55,7 +56,8 @@ contains
         call start_method(s, system, self%t, h, self%y)
         self%started = .true.
       else if (.not. same) then
-        call change_step(s, system, h, merge(near_length, 0.0_wp, self%roots%locating))
+        s%offset = (h/s%now%h)**2*s%offset
+        call set_step(s, system, h, merge(near_length, 0.0_wp, self%roots%locating))
       end if
     end associate
     call solve_trial(self%solver, system, self%norm, self%tried, self%roots%locating, ok)
@@ -157,15 +159,4 @@ contains
     call prepare_step(self, system, near, ok)
     if (.not. ok) self%newton%exact_left = huge(0)   ! only rounding leaves no factor; the exact matrix decides then
   end subroutine set_step
-
-  !> Goes on with another step size. Steps that fail change nothing: the state does not depend on the step. The difference of a
-  !> and v' is scaled with the step (Bruels & Arnold 2008), the offset of rates with its square.
-  subroutine change_step(self, system, h, near)
-    type(alpha_solver), intent(inout) :: self
-    class(second_order_ode), intent(inout) :: system
-    real(wp), intent(in) :: h                 !! [s]
-    real(wp), intent(in) :: near              !! as prepare_step has it [-]
-    self%offset = (h/self%now%h)**2*self%offset
-    call set_step(self, system, h, near)
-  end subroutine change_step
 end module alpha_stepper

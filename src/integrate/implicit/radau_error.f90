@@ -39,7 +39,7 @@ contains
         w%a = -(m%e(1)*self%u(:, 1) + m%e(2)*self%u(:, 2) + m%e(3)*self%u(:, 3))/self%h - c2*w%rate_gap
         w%y(1:self%nz) = n%z0 - n%real_gain*(n%driving - (n%delta0 - n%z0))
         associate (first => self%nz - system%linear + 1)
-          if (system%linear > 0) w%y(first:self%nz) = n%z0(first:) + linear_part(system, c2, n%rate_gap(first:))
+          if (system%linear > 0) w%y(first:self%nz) = n%z0(first:) + system%linear_part(c2, n%rate_gap(first:))
         end associate
         call system%residual(self%t, w%q, w%v, w%a, w%y(1:self%nz), self%lambda(:, 1), .false., w%r(:, 1), w%gap(:, 1))
         self%residuals = self%residuals + 1
@@ -73,7 +73,7 @@ contains
         e(o + k) = n%real_gain(k)*((n%delta(k, 2) - n%z0(k)) - n%driving(k))
       end do
       associate (first => nz - system%linear + 1)
-        if (system%linear > 0) e(o + first:o + nz) = linear_part(system, c2, n%rate_gap(first:) &
+        if (system%linear > 0) e(o + first:o + nz) = system%linear_part(c2, n%rate_gap(first:) &
                                                                  + (n%delta(first:, 2) - n%delta0(first:)))
       end associate
       do k = 1, nzd
@@ -81,18 +81,6 @@ contains
       end do
     end associate
   end subroutine internal_part
-
-  !> (c2 - A)^-1 x of linear states.
-  function linear_part(system, c2, x) result(y)
-    class(second_order_ode), intent(in) :: system
-    real(wp), intent(in) :: c2               !! [1/s]
-    real(wp), intent(in) :: x(:)             !! (linear) [any/s]
-    real(wp) :: y(size(x))                   !! [any]
-    complex(wp) :: z(size(x))
-    z = x
-    call system%solve_linear(cmplx(c2, 0.0_wp, wp), z)
-    y = real(z, wp)
-  end function linear_part
 
   !> The energy that the method itself takes out in a step [J]: what its quadrature, exact up to s^4, misses of the product of
   !> rates (s^3) and accelerations (s^2), and of forces (s^3) and rates of the positions (s^2).

@@ -44,6 +44,7 @@ module second_order_system
     procedure(find_gaps), deferred :: gaps
     procedure(find_deformations), deferred :: deformations
     procedure(solve_states), deferred :: solve_linear
+    procedure :: linear_part
     procedure(find_powers), deferred :: powers
     procedure(find_product), deferred :: mass_product
     procedure(evaluate_state), deferred :: accelerations
@@ -187,4 +188,18 @@ module second_order_system
       real(wp), intent(out), contiguous :: dlambda(:, :)   !! (rows, columns) [N] and theirs
     end subroutine solve_gaps
   end interface
+
+contains
+
+  !> (c2 - A)^-1 x of linear states.
+  function linear_part(self, c2, x) result(y)
+    class(second_order_ode), intent(in) :: self
+    real(wp), intent(in) :: c2               !! [1/s]
+    real(wp), intent(in) :: x(:)             !! (linear) [any/s]
+    real(wp) :: y(size(x))                   !! [any]
+    complex(wp) :: z(size(x))
+    z = x
+    call self%solve_linear(cmplx(c2, 0.0_wp, wp), z)
+    y = real(z, wp)
+  end function linear_part
 end module second_order_system

@@ -31,16 +31,8 @@ contains
     real(wp), intent(in) :: c2               !! [1/s]
     real(wp), intent(in) :: near             !! of c1 [-]
     logical, intent(out) :: bad
-    integer :: b, k
     self%terms%g = 1/(1 + self%terms%viscosity*c2 + self%terms%inertia*c1)
-    do b = 1, size(self%eq)
-      if (self%eq(b)%n > 0) self%eq(b)%factor = 1.0_wp
-    end do
-    do k = 1, size(self%terms)
-      associate (t => self%terms(k))
-        if (t%body > 0) self%eq(t%body)%factor(t%segment) = self%eq(t%body)%factor(t%segment) + t%alpha*(1 - t%g)
-      end associate
-    end do
+    call set_factors(self)
     bad = .false.
     if (self%t%factored .and. abs(c1 - self%t%c1) < near*c1) return
     call factor_blocks(self%t, m, self%terms, c1, c2, bad)
@@ -49,18 +41,24 @@ contains
   !> For a method that solves for the dissipative coordinates itself: residuals take them as given, whatever the deformations.
   subroutine use_given_terms(self)
     type(newton_matrix), intent(inout) :: self
-    integer :: k
     self%stages = .true.
+    self%terms%g = 0.0_wp
+    call set_factors(self)
+  end subroutine use_given_terms
+
+  !> What the terms add to the stiffness of their segments, given what follows the deformations.
+  subroutine set_factors(self)
+    type(newton_matrix), intent(inout) :: self
+    integer :: k
     do k = 1, size(self%eq)
       if (self%eq(k)%n > 0) self%eq(k)%factor = 1.0_wp
     end do
     do k = 1, size(self%terms)
       associate (t => self%terms(k))
-        t%g = 0.0_wp
-        if (t%body > 0) self%eq(t%body)%factor(t%segment) = self%eq(t%body)%factor(t%segment) + t%alpha
+        if (t%body > 0) self%eq(t%body)%factor(t%segment) = self%eq(t%body)%factor(t%segment) + t%alpha*(1 - t%g)
       end associate
     end do
-  end subroutine use_given_terms
+  end subroutine set_factors
 
   !> Sets the dissipative coordinates at zero deformation for the next residuals: those of force elements, and their sum in bodies.
   subroutine set_terms(self, m, z)

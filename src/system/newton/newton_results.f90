@@ -25,41 +25,26 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(out), contiguous :: delta(:)             !! (nz) [m, rad]
     type(measured) :: now
-    integer :: k, b
+    integer :: k
     if (size(self%terms) == 0) return
-    if (any(self%terms%element > 0)) then
-      call marker_kinematics(m, ev, q, v)
-    end if
-    call deform(self, m, q)
+    if (any(self%terms%element > 0)) call marker_kinematics(m, ev, q, v)
+    call deform(self, m, q, delta)
     do k = 1, size(self%terms)
-      associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
-        b = t%body
-        if (b == 0) then
-          now = m%s%forces(t%element)%item%deformation(ev%p)
-          delta(i) = now%x
-        else
-          associate (segment => m%s%bodies(b)%segments(t%segment))
-            call flatten(j - i + 1, self%eq(b)%w%d(:, segment%first:segment%last), delta(i:j))
-          end associate
-        end if
+      associate (t => self%terms(k))
+        if (t%body > 0) cycle
+        now = m%s%forces(t%element)%item%deformation(ev%p)
+        delta(t%first) = now%x
       end associate
     end do
   end subroutine term_deformations
 
-  !> An array as a vector.
-  pure subroutine flatten(n, x, y)
-    integer, intent(in) :: n
-    real(wp), intent(in) :: x(n)             !! [m, rad]
-    real(wp), intent(out) :: y(n)            !! [m, rad]
-    y = x
-  end subroutine flatten
-
-  !> Deformations of the viscoelastic bodies.
-  subroutine deform(self, m, q)
+  !> Those of the viscoelastic bodies.
+  subroutine deform(self, m, q, delta)
     type(newton_matrix), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     real(wp), intent(in) :: q(:)                              !! (nq) [m, rad]
-    integer :: b, i
+    real(wp), intent(inout), contiguous :: delta(:)           !! (nz) [m, rad]
+    integer :: b, i, k
     do b = 1, size(m%s%bodies)
       associate (body => m%s%bodies(b), w => self%eq(b)%w)
         if (body%nz == 0) cycle
@@ -68,7 +53,23 @@ contains
         call body%basis%deform(body, w%q, w%d)
       end associate
     end do
+    do k = 1, size(self%terms)
+      associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
+        if (t%body == 0) cycle
+        associate (segment => m%s%bodies(t%body)%segments(t%segment))
+          call flatten(j - i + 1, self%eq(t%body)%w%d(:, segment%first:segment%last), delta(i:j))
+        end associate
+      end associate
+    end do
   end subroutine deform
+
+  !> An array as a vector.
+  pure subroutine flatten(n, x, y)
+    integer, intent(in) :: n
+    real(wp), intent(in) :: x(n)             !! [m, rad]
+    real(wp), intent(out) :: y(n)            !! [m, rad]
+    y = x
+  end subroutine flatten
 
   !> Rates of the internal variables of first order at the state of the last evaluation, and the rates' own derivatives,
   !> (delta' - z')/tau. Deformations are at most quadratic in q: delta' = (delta(q + v) - delta(q - v))/2, exactly.
@@ -79,30 +80,22 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)            !! (nq) [m, rad] and per second
     real(wp), intent(inout), contiguous :: zd(:)              !! (nz) [m/s, rad/s], of second order: untouched
     real(wp), intent(inout), contiguous :: a(:)               !! (nz) [m/s2, rad/s2], of second order: untouched
+    real(wp), dimension(size(a)) :: before, after             ! [m, rad]
     type(measured) :: now
-    integer :: k, side
+    integer :: k
     if (m%s%nz == m%s%nzd) return
     zd(m%s%nzd + 1:) = ev%zdd(m%s%nzd + 1:)
-    a(m%s%nzd + 1:) = -zd(m%s%nzd + 1:)
-    do side = -1, 1, 2
-      call deform(self, m, q + side*v)
-      do k = 1, size(self%terms)
-        associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
-          if (i <= m%s%nzd) cycle
-          if (t%body == 0) then
-            now = m%s%forces(t%element)%item%deformation(ev%p)
-            a(i) = a(i) + 0.5_wp*now%rate
-          else
-            associate (segment => m%s%bodies(t%body)%segments(t%segment))
-              a(i:j) = a(i:j) + 0.5_wp*side*reshape(self%eq(t%body)%w%d(:, segment%first:segment%last), [j - i + 1])
-            end associate
-          end if
-        end associate
-      end do
-    end do
+    call deform(self, m, q - v, before)
+    call deform(self, m, q + v, after)
     do k = 1, size(self%terms)
-      associate (t => self%terms(k))
-        if (t%first > m%s%nzd) a(t%first:t%last) = a(t%first:t%last)/t%viscosity
+      associate (t => self%terms(k), i => self%terms(k)%first, j => self%terms(k)%last)
+        if (i <= m%s%nzd) cycle
+        if (t%body == 0) then
+          now = m%s%forces(t%element)%item%deformation(ev%p)
+          a(i) = (now%rate - zd(i))/t%viscosity
+        else
+          a(i:j) = (0.5_wp*(after(i:j) - before(i:j)) - zd(i:j))/t%viscosity
+        end if
       end associate
     end do
   end subroutine relaxation_rates
