@@ -2,7 +2,6 @@
 !> and drives released, for the whole run of linear bodies. Current bound: the constrained mechanism as it stands.
 module step_advice
   use kinds, only: wp
-  use controller, only: free
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
   use layer_limits, only: told
@@ -102,7 +101,6 @@ contains
     type(fast_spectrum) :: fast
     work = ev
     call evaluate_start(m, work, q)
-    work%control%limited = free                ! a controller that is at a limit at the start may leave it
     call fast%set_up(m, ev, q)
     call find_safe_bound(m, work, fast, safe)
     if (.not. (present(current) .or. fast%damped .or. fast%loops .or. size(fast%lin%segments) > 0)) return

@@ -33,6 +33,7 @@ module closed_loops
     procedure :: build
     procedure :: close
     procedure :: opened
+    procedure :: add_loops
     procedure :: poles
   end type loop_system
 
@@ -154,9 +155,9 @@ contains
     integer, intent(out) :: states
     logical, intent(out) :: ok
     type(reduced_model) :: model
-    real(wp), allocatable :: omega2(:), x(:, :), a(:, :), whole(:, :), wr(:), wi(:), work(:)
+    real(wp), allocatable :: omega2(:), x(:, :), a(:, :), wr(:), wi(:), work(:)
     real(wp) :: left(1, 1), right(1, 1)
-    integer :: i, j, k, n, c, info
+    integer :: j, c, info
     c = ds%n - ds%rows
     states = 2*c + sum(self%law%states)
     allocate (lambda(0))
@@ -166,22 +167,34 @@ contains
     if (.not. ok) return
     call model%build(ds, x, spread(.false., 1, c))
     call first_order(model, [(j, j=1, c)], .true., a)
-    n = size(a, 1)
-    states = n + sum(self%law%states)
+    states = size(a, 1) + sum(self%law%states)
     if (states > most_states) return
-    allocate (whole(states, states), source=0.0_wp)
-    whole(1:n, 1:n) = a
-    i = n
-    do k = 1, self%n
-      call add_loop(self, k, merge(0.0_wp, 1.0_wp, k == opened), model, c, i, whole)
-      i = i + self%law(k)%states
-    end do
+    call self%add_loops(model, opened, a)
     allocate (wr(states), wi(states), work(34*states))
-    call dgeev('N', 'N', states, whole, states, wr, wi, left, 1, right, 1, work, size(work), info)
+    call dgeev('N', 'N', states, a, states, wr, wi, left, 1, right, 1, work, size(work), info)
     ok = info == 0
     lambda = pack(cmplx(wr, wi, wp), wi >= 0.0_wp)
     lambda = lambda(ascending(abs(lambda)))
   end subroutine poles
+
+  !> Adds all controllers to the system of first order of a model, with all loops closed or one opened.
+  subroutine add_loops(self, model, opened, a)
+    class(loop_system), intent(in) :: self
+    type(reduced_model), intent(in) :: model
+    integer, intent(in) :: opened                      !! controller of the loop that is opened, 0: none
+    real(wp), allocatable, intent(inout) :: a(:, :)    !! of all motions, then with the controllers' states behind [1/s]
+    real(wp), allocatable :: whole(:, :)
+    integer :: k, n, states
+    n = size(a, 1)
+    states = n + sum(self%law%states)
+    allocate (whole(states, states), source=0.0_wp)
+    whole(1:n, 1:n) = a
+    do k = 1, self%n
+      call add_loop(self, k, merge(0.0_wp, 1.0_wp, k == opened), model, model%p, n, whole)
+      n = n + self%law(k)%states
+    end do
+    call move_alloc(whole, a)
+  end subroutine add_loops
 
   !> One loop in the system of first order, whose first unknowns are scale times the motions, then their rates.
   subroutine add_loop(self, k, gain, model, c, before, a)

@@ -215,13 +215,14 @@ contains
     end do
   end subroutine deformation
 
-  !> All poles of one part, or those of its undamped system.
-  subroutine find(self, model, members, damped, ok)
+  !> All poles of one part, or those of its undamped system, or with the states of controllers.
+  subroutine find(self, model, members, damped, ok, closed)
     class(reduced_poles), intent(out) :: self
     type(reduced_model), intent(in) :: model
     integer, intent(in) :: members(:)                  !! the motions of the part
     logical, intent(in) :: damped
     logical, intent(out) :: ok
+    real(wp), intent(in), optional :: closed(:, :)     !! the system of first order with closed loops behind it [1/s]
     real(wp), allocatable :: a(:, :), wr(:), wi(:), vr(:, :), work(:)
     real(wp), allocatable :: noise(:)                  ! what is rounding in rows [1/s]
     real(wp) :: left(1, 1)
@@ -230,7 +231,11 @@ contains
     logical, allocatable :: kept(:), zero(:)
     integer, allocatable :: states(:), found(:)
     integer :: n, c, e, zeros, j, k, r, info
-    call first_order(model, members, damped, a)
+    if (present(closed)) then
+      a = closed
+    else
+      call first_order(model, members, damped, a)
+    end if
     c = size(members)
     states = [pack([(j, j=1, c)], .not. model%rigid(members)), [(j, j=c + 1, size(a, 1))]]
     a = a(states, states)                              ! rigid positions, which act on nothing, are left out

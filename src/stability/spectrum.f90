@@ -6,7 +6,7 @@ module spectrum
   use lapack, only: dsteqr
   use linear_matrices, only: linear_mechanism
   use linear_bodies, only: elastic_matrices
-  use mass_solve, only: solve_mass
+  use mass_solve, only: remove_joint_forces, solve_mass
   use evaluation_results, only: conditions_of, evaluation
   use measure, only: measured
   use mechanism, only: mechanism_model
@@ -37,7 +37,7 @@ module spectrum
     real(wp), allocatable :: spring_static(:), spring_fast(:)   !! (force elements) [N/m] or [N m/rad]
     real(wp), allocatable :: spring_damping(:)   !! (force elements) [N s/m] or [N m s/rad]
     logical :: damped = .false.                !! by springs or by Rayleigh damping of bodies
-    logical :: loops = .false.                 !! there are forces that follow the motion of others
+    logical :: loops = .false.                 !! there are controllers, or forces that follow the motion of others
     real(wp), allocatable :: ends(:, :)        !! (2, force elements) factors (`safe_bound`), < 0: present direction [-]
     real(wp), allocatable :: turning(:)        !! (bodies) stiffness against turns by springs' forces, bound only [N m/rad]
     type(triplet_matrix) :: stiffness          !! of the bodies, instantaneous
@@ -84,7 +84,7 @@ contains
     end do
     self%spring_damping = [(m%s%forces(k)%item%damping, k=1, size(m%s%forces))]
     self%damped = any(self%spring_damping > 0.0_wp) .or. any(m%s%bodies%rayleigh)
-    self%loops = any([(m%s%forces(k)%item%motions > 0, k=1, size(m%s%forces))])
+    self%loops = size(m%s%controllers) > 0 .or. any([(m%s%forces(k)%item%motions > 0, k=1, size(m%s%forces))])
     allocate (self%ends(2, size(m%s%forces)), source=-1.0_wp)
     allocate (self%turning(size(m%s%bodies)), source=0.0_wp)
     most = min(n, most_vectors)
@@ -132,6 +132,7 @@ contains
     self%w(:, 0) = 0.0_wp
     self%r = self%start
     call solve_mass(m, ev, with_joints, self%r, self%u)
+    if (with_joints .and. self%loops) call remove_joint_forces(m, ev, self%r)
     b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
     if (b <= tiny(1.0_wp)) return
     self%v(:, 1) = self%u/b
@@ -147,6 +148,7 @@ contains
       self%r = self%r - self%alpha(j)*self%w(:, j) - self%beta(j - 1)*self%w(:, j - 1)
       call remove_earlier(size(self%r), j, self%v, self%w(:, 1:), self%r)
       call solve_mass(m, ev, with_joints, self%r, self%u)
+      if (with_joints .and. self%loops) call remove_joint_forces(m, ev, self%r)
       b = sqrt(max(dot_product(self%u, self%r), 0.0_wp))
       self%steps = j
       self%beta(j) = b

@@ -1,6 +1,6 @@
 !> Bounds of explicit steps from the fast end of the spectrum: eigenvalues of the fastest modes with their damping and
 !> viscoelastic terms, and the terms' own poles, put into each method's stability region (theory.md, section 8). The cause of a
-!> bound: body and strain of a fast mode, or material or spring of a viscoelastic pole.
+!> bound: body and strain of a fast mode, material or spring of a viscoelastic pole, or the loop of a controller.
 module step_bounds
   use kinds, only: wp
   use linear_matrices, only: linear_segment
@@ -16,6 +16,7 @@ module step_bounds
   private
   public :: bound_cause, mode_cause, step_bound, find_bound, take_smaller, material_poles, add_mode_bound, step_of
 
+  real(wp), parameter :: noticed = 0.01_wp       !! smallest part of a step that what limits it costs [-]
   real(wp), parameter :: takes_part = epsilon(1.0_wp)**0.25_wp   !! share of a mode's strain energy from which a body is named [-]
 
   !> Cause of an eigenvalue.
@@ -25,6 +26,7 @@ module step_bounds
     integer :: segment = 0                   !! segment of the internal variable, 0: a mode
     logical :: rayleigh = .false.            !! Rayleigh damping of the body sets it
     integer :: material = 0                  !! material of that segment, 0: none, or a spring's terms
+    integer :: controller = 0                !! controller whose loop it is, 0: none
   end type bound_cause
 
   character(18), parameter :: strains(3) = [character(18) :: 'an axial mode', 'a bending mode', 'slip of the layers']
@@ -72,7 +74,7 @@ contains
     if (damped) then
       call find_fast_poles(m, ev, with_joints, fast, poles, damped)
       do k = 1, merge(size(poles%lambda), 0, damped)
-        call add_pole_bound(m, ev, fast, poles%lambda(k), poles%x(:, k), bound)
+        call add_pole_bound(m, ev, fast, poles, k, bound)
       end do
     end if
     do k = 1, merge(0, min(modes_examined, fast%steps), damped)
@@ -84,22 +86,30 @@ contains
     call material_poles(m, ev, with_joints, fast, fastest, bound)
   end subroutine find_bound
 
-  !> One pole of the mechanism with its motion, where it lowers a bound.
-  subroutine add_pole_bound(m, ev, fast, mu, x, bound)
+  !> One pole of the mechanism with its motion, where it lowers a bound. It is a loop's where open loops would allow larger steps.
+  subroutine add_pole_bound(m, ev, fast, poles, pole, bound)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     type(fast_spectrum), intent(in) :: fast
-    complex(wp), intent(in) :: mu              !! [1/s]
-    real(wp), intent(in) :: x(:)               !! (n) its motion, of unit modal mass [1/sqrt(kg)]
+    type(pole_list), intent(in) :: poles
+    integer, intent(in) :: pole                !! its number
     type(step_bound), intent(inout) :: bound
     type(fast_mode) :: f
     type(bound_cause) :: cause
     integer :: k
-    if (all([(largest_step(k, mu, bound%step(k)) >= bound%step(k), k=1, size(method_names))])) return
-    f%x = x
-    call fast%quotients(m, ev, f)
-    call mode_cause(m, f, cause)
-    call add_mode_bound(m, fast, f, cause, bound, [mu])
+    associate (mu => poles%lambda(pole), c => poles%controller(pole))
+      if (all([(largest_step(k, mu, bound%step(k)) >= bound%step(k), k=1, size(method_names))])) return
+      if (c > 0 .and. any([(step_of(k, [mu]) < (1 - noticed)*step_of(k, poles%open), k=1, size(method_names))])) then
+        cause%what = 'the loop of controller "'//trim(m%s%controllers(c)%name)//'"'
+        cause%controller = c
+        call keep_smallest([mu], cause, bound)
+        return
+      end if
+      f%x = poles%x(:, pole)
+      call fast%quotients(m, ev, f)
+      call mode_cause(m, f, cause)
+      call add_mode_bound(m, fast, f, cause, bound, [mu])
+    end associate
   end subroutine add_pole_bound
 
   !> The bound of one mode: of the roots of s2 + c s + k + sum of k_r alpha h(s), or of the given poles of the mechanism.
@@ -137,7 +147,7 @@ contains
     yes = f%damping > 0.0_wp
     if (.not. yes) return
     call modal_roots(fast%lin%segments, f%stiffness, 0.0_wp, f%segments, without)
-    yes = step_of(1, roots) < 0.99_wp*step_of(1, without)
+    yes = step_of(1, roots) < (1 - noticed)*step_of(1, without)
   end function damping_limits
 
   !> Largest step of a method that all of the roots allow [s]; huge where none bounds it.

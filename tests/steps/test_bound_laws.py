@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 
 STABILITY = {
     "rk4": [1 / 24, 1 / 6, 1 / 2, 1.0, 1.0],
@@ -38,9 +39,9 @@ def safe_bound(run_deck, deck, method, name="d"):
     return bounds(run_deck, deck, method, name)[0]
 
 
-def largest_step(eigenvalues, method):
+def largest_step(eigenvalues, method, points=600001):
     """Return the smallest step at which an eigenvalue leaves the stability region [s]."""
-    steps = np.linspace(0.0, 1.2, 600001)[1:] * 4.0 / max(abs(eigenvalues))
+    steps = np.linspace(0.0, 1.2, points)[1:] * 4.0 / max(abs(eigenvalues))
     outside = [abs(np.polyval(STABILITY[method], steps * mu)) > 1.0 + 1e-9 for mu in eigenvalues]
     return steps[np.argmax(np.any(outside, axis=0))]
 
@@ -124,6 +125,59 @@ def test_the_current_bound_of_coupled_discs_is_that_of_all_their_eigenvalues(run
         exact = largest_step(seen, method)
         assert 0.9 < float(line[2]) / exact < 1.001, f"seed {seed}, {method}"
         assert float(line[1]) / exact < 1.001, f"seed {seed}, {method}"
+
+
+def controlled_sled(name, mass, stiffness, **law):
+    """Return the deck of a sled with a spring and a controller, and its poles: m s2 + k + H(s) = 0."""
+    s = Polynomial([0.0, 1.0])
+    filtered = 1.0 + law.get("filter", 0.0) * s
+    of, over = (law["kp"] * s + law.get("ki", 0.0)) * filtered + law.get("kd", 0.0) * s**2, s * filtered
+    x = law.get("delay", 0.0) * s
+    of, over = of * (120.0 - 60.0 * x + 12.0 * x**2 - x**3), over * (120.0 + 60.0 * x + 12.0 * x**2 + x**3)
+    deck = f"&body name='{name}' mass={mass!r} inertia=1 /\n&joint name='{name}' type='prismatic' body_a='{name}' /\n"
+    deck += f"&sensor name='{name}' quantity='position' body='{name}' /\n"
+    deck += f"&spring name='{name}' body_a='{name}' stiffness={stiffness!r} /\n"
+    keys = " ".join(f"{key}={value!r}" for key, value in law.items())
+    deck += f"&controller name='{name}' argument='{name}.x' history='zero' {keys} /\n"
+    deck += f"&force name='{name}' body='{name}' fx=1 controller='{name}' /\n"
+    return deck, ((mass * s**2 + stiffness) * over + of).roots()
+
+
+ZERO = "&history name='zero' coefficients=0 /\n"
+PID = {"kp": 1e4, "kd": 10.0, "filter": 1e-3}
+
+
+@pytest.mark.parametrize(
+    ("sleds", "cause"),
+    [
+        ([(1.0, 100.0, PID)], 'the loop of controller "s0"'),  # a pole of the filter, which no fast motion shows
+        ([(1.0, 100.0, {"kp": 1e4, "ki": 1e3, "delay": 2e-3})], 'the loop of controller "s0"'),
+        ([(1.0, 1e6, {"kp": 1e2, "kd": 0.1, "filter": 0.1})], "a mode of springs and rigid bodies"),
+        ([(1.0 + 0.01 * k, 100.0, {"kp": 1e4}) for k in range(16)], 'the loop of controller "s0"'),
+        ([(1.0 + 0.01 * k, 100.0, {"kp": 1e4 if k else 1.0}) for k in range(12)], 'the loop of controller "s1"'),
+        ([(1.0 + 0.01 * k, 1e4, {"kp": 1.0} | (PID if k == 11 else {})) for k in range(12)], 'the loop of controller "s11"'),
+    ],
+)
+def test_loops_of_controllers_bound_the_step_with_their_states(run_deck, sleds, cause):
+    parts = [controlled_sled(f"s{i}", mass, stiffness, **law) for i, (mass, stiffness, law) in enumerate(sleds)]
+    deck = ZERO + "".join(text for text, _ in parts)
+    poles = np.concatenate([own for _, own in parts])
+    told = run_deck(deck + "&transient method='rk4' step=1.0e-6 t_end=1.0 /\n", "--check").stdout
+    poles = np.minimum(poles.real, 0.0) + 1j * poles.imag  # what grows is followed as what does not decay
+    for method in STABILITY:
+        line = re.search(method + r": .* current bound\s+(\S+) s .*\n +limited by (.*), \|eigenvalue", told)
+        assert float(line[1]) == pytest.approx(largest_step(poles, method, 60001), rel=2e-4)
+    assert re.search(r"rk4: .*\n +limited by (.*), \|eigenvalue", told)[1] == cause
+
+
+@pytest.mark.parametrize("factor", [0.95, 1.05])
+def test_a_filtered_loop_diverges_beyond_its_bound(run_deck, factor):
+    deck, _ = controlled_sled("s", 1.0, 100.0, **PID)
+    step = factor * safe_bound(run_deck, ZERO + deck, "rk4")
+    deck = ZERO + deck.replace("mass=1.0", "mass=1.0 velocity=1e-3,0")
+    deck += f"&transient method='rk4' step={step} t_end={400 * step} output_step={40 * step} accept_unstable=.true. /\n"
+    run = run_deck(deck, expect=int(factor > 1.0))
+    assert ("diverged" in run.stderr) == (factor > 1.0)
 
 
 @pytest.mark.parametrize("pair", combinations(PARTS, 2), ids=" and ".join)

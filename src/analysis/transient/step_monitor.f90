@@ -3,7 +3,6 @@
 !> Their Rayleigh quotients give eigenvalues. At the start the true bound is known; its ratio to the estimate is used later, too.
 module step_monitor
   use kinds, only: wp, ip
-  use controller, only: free
   use dynamics, only: evaluate_start
   use evaluation_results, only: evaluation
   use mechanism, only: mechanism_model
@@ -79,7 +78,6 @@ contains
     if (self%method == 0) return
     work = ev
     call evaluate_start(m, work, q)
-    work%control%limited = free                ! as in the advice before the run
     call self%fast%set_up(m, ev, q)
     call self%fast%largest(m, work, .false., only_stiffness, 100, lambda)
     self%fastest = sqrt(max(lambda, 0.0_wp))
@@ -98,6 +96,7 @@ contains
     if (self%smallest < huge(1.0_wp)) self%cause = bound%cause(self%method)%what
     if (.not. self%active) return
     followed = bound_of_motions(self, m, work)
+    if (bound%cause(self%method)%controller > 0) self%pole_step = min(self%pole_step, self%smallest)   ! as at the start
     if (self%smallest < (1 - 1.0e-6_wp)*self%pole_step) self%ratio = self%smallest/followed
   contains
     !> Adds a motion without joints: at a singular start they may prevent a motion that they allow later.

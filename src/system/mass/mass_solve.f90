@@ -8,7 +8,7 @@ module mass_solve
   use mechanism, only: mechanism_model
   implicit none (type, external)
   private
-  public :: solve_mass, solve_body
+  public :: solve_mass, solve_body, remove_joint_forces
 
 contains
 
@@ -42,6 +42,24 @@ contains
       u = u + x
     end associate
   end subroutine solve_mass
+
+  !> r - Phi^T lambda = M u of the last solve with joints: what of a force moves the mechanism. Iterations that keep the rest let it
+  !> grow until its rounding moves the joints.
+  subroutine remove_joint_forces(m, ev, r)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(inout) :: r(:)            !! (n) forces [N], moments [N m]
+    integer :: b, e
+    if (m%s%rows == 0) return
+    do b = 1, size(m%s%bodies)
+      do e = m%incidence%first(b), m%incidence%first(b + 1) - 1
+        associate (k => m%incidence%marker(e), i => m%s%qo(b), n => 3 + m%s%bodies(b)%nf)
+          call m%s%markers(k)%add_wrench(ev%p%rho(:, k), -ev%lambda_change(m%incidence%row(e))*ev%side%w(:, e), r(i + 1:i + 3), &
+                                         r(i + 4:i + n))
+        end associate
+      end do
+    end do
+  end subroutine remove_joint_forces
 
   !> u = M^-1 r of one body without joints: elastic coordinates are condensed onto the frame, then the frame is solved, then the
   !> elastic coordinates.
