@@ -235,7 +235,7 @@ contains
       if (s%starts(j)%im <= 0.0_wp .or. .not. any(modes%mode == j)) cycle   ! rigid, diverging or not found: no vibration to damp
       part = s%model%label(maxloc(abs(s%shapes(:, j)), 1))
       pole = start_pole(ds, s%starts(j), matmul(s%model%basis, s%shapes(:, j)))
-      call follow_damping(ds, 1.0_wp/count(s%model%label == part), pole, vibrates)   ! as many steps as poles it may meet
+      call follow_damping(ds, 1/sqrt(real(count(s%model%label == part), wp)), pole, vibrates)   ! it may meet those of its part
       if (.not. vibrates) cycle
       k = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode)
       if (k > 0) then                                  ! another mode has this vibration: are both one without damping, too?
