@@ -29,7 +29,7 @@ contains
   subroutine parse_arguments(asked, status)
     type(command), intent(out) :: asked
     integer, intent(out) :: status
-    character(:), allocatable :: word, decks(:), settings(:)
+    character(:), allocatable :: word, folder, decks(:), settings(:)
     integer :: k, n, set
     status = status_ok
     asked%options%output = ''
@@ -59,9 +59,10 @@ contains
         asked%options%quiet = .true.
       case ('--output', '-o', '--orbit')
         k = k + 1
-        if (word == '--orbit') asked%options%orbit = argument(k)
-        if (word /= '--orbit') asked%options%output = argument(k)
-        if (len(argument(k)) == 0 .or. index(argument(k), '--') == 1) call complain(word//' needs a folder', status)
+        folder = argument(k)
+        if (word == '--orbit') asked%options%orbit = folder
+        if (word /= '--orbit') asked%options%output = folder
+        if (len(folder) == 0 .or. index(folder, '--') == 1) call complain(word//' needs a folder', status)
       case ('--version')
         call print_words('biela', 'biela '//version//new_line('a'), status)
         return
