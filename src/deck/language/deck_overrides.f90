@@ -61,14 +61,16 @@ contains
     integer, intent(in) :: file, first_group   !! its first group
     integer, intent(inout) :: next             !! number of the setting that is tried first, the last one at the beginning
     logical, intent(out) :: changed
-    integer :: g
+    integer :: g, chosen
     changed = .false.
     do while (next > 0 .and. .not. changed)
+      chosen = 0                               ! changed when all groups were looked at: places behind it move
       do g = first_group, deck%parts%group_count
         if (.not. meant(next, g)) cycle
         deck%parts%overrides(next)%uses = deck%parts%overrides(next)%uses + 1
-        if (.not. changed .and. deck%parts%groups(g)%readable .and. deck%parts%groups(g)%slash > 0) call change(next, g)
+        if (chosen == 0 .and. deck%parts%groups(g)%readable .and. deck%parts%groups(g)%slash > 0) chosen = g
       end do
+      if (chosen > 0) call change(next, chosen)
       next = next - 1
     end do
   contains
@@ -81,10 +83,11 @@ contains
         deck%parts%overrides(k)%name
     end function meant
 
-    !> Writes a setting into a group, which is open.
+    !> Writes a setting into a group.
     subroutine change(k, g)
       integer, intent(in) :: k, g
       integer :: a, begin, end
+      call deck%enter(g)
       associate (group => deck%parts%groups(g), new => deck%parts%overrides(k), text => deck%parts%sources(file)%text)
         changed = .true.
         a = deck%assignment_of(new%key)
