@@ -102,7 +102,8 @@ contains
     type(equilibrium_report) :: before
     integer :: k
     call equations(run, options, ds, r, report)
-    rate = sqrt(largest_acceleration(run)/(largest_turn*run%sys%m%s%size))
+    rate = largest_acceleration(run)/(largest_turn*run%sys%m%s%size)
+    rate = sqrt(merge(rate, 1.0_wp, rate > sqrt(tiny(1.0_wp))))      ! nothing pulls: any step serves
     first = rate
     do k = 1, most_contact_steps                     ! of frames that turn little: a body may be far from its stop
       if (report%residual <= tolerance .and. report%gap <= closed) return
