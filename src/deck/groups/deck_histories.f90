@@ -83,9 +83,11 @@ contains
     integer, allocatable, intent(inout) :: columns(:)  !! 1, 2 if not given
     real(wp), allocatable, intent(inout) :: x(:), y(:) !! [as the file]
     character(:), allocatable :: path, content, problem
-    if (.not. deck%is_given('file')) return
-    if (deck%is_given(first) .or. deck%is_given(second)) x = [real(wp) ::]   ! both: the rule of these keys has told it
-    if (deck%is_given(first) .or. deck%is_given(second) .or. .not. deck%is_set('file')) return
+    if (deck%is_given(first) .or. deck%is_given(second)) then
+      if (deck%is_given('file')) x = [real(wp) ::]     ! the rule of these keys has told that both are given
+      return
+    end if
+    if (.not. deck%is_set('file')) return
     if (.not. deck%is_given('columns')) columns = [1, 2]
     if (size(columns) /= 2 .or. any(columns < 1)) then
       if (deck%is_set('columns')) call deck%complain('columns', 'columns are not two numbers of columns, expected '// &
