@@ -14,6 +14,7 @@
 #   TESTS=tests       what `make test` runs: a folder (tests/modes), a file, tests/modes/test_modal.py::test_x
 #   JOBS=auto         processes that share the tests
 #   PREFIX=/usr/local where `make install` puts the program; DESTDIR=... in front of it, for packages
+#   BASE=84ff21ee     the commit beside which `make cost` counts instructions
 #   FLANG=flang-new   a second compiler for `make rounding`, left out where it is not there
 #   -j N              processes that build; all cores where it is left out
 
@@ -74,7 +75,7 @@ RUN      := .venv/bin/python
 INSTALLED = $(addprefix $(DESTDIR)$(PREFIX)/,bin/biela share/man/man1/biela.1 share/bash-completion/completions/biela \
               share/zsh/site-functions/_biela)
 # these install a compiler where there is none; all others only tell that it is missing
-INSTALLING = setup demo joints test test-anywhere test-debug bench bench-peer extremes fuzz faults rounding coverage mutants lint
+INSTALLING = setup demo joints test test-anywhere test-debug bench bench-peer cost extremes fuzz faults rounding coverage mutants lint
 export BIELA_SETUP ?= $(if $(filter $(INSTALLING),$(MAKECMDGOALS)),toolchain,check)
 
 # make's own -j prevails over this one; what follows `clean` has to wait for it
@@ -84,7 +85,7 @@ endif
 export FC LDLIBS PYTHON
 .DELETE_ON_ERROR:
 .SUFFIXES:
-.PHONY: all install uninstall debug sanitize probe demo joints test test-debug bench bench-peer extremes fuzz faults rounding coverage mutants documents lint setup clean help FORCE
+.PHONY: all install uninstall debug sanitize probe demo joints test test-debug bench bench-peer cost extremes fuzz faults rounding coverage mutants documents lint setup clean help FORCE
 
 all: $(BIELA)                      ## bin/biela
 install: $(BIELA)                  ## the program, its manual page and completions for bash and zsh, below PREFIX
@@ -123,6 +124,8 @@ bench: tests/bench/bench.py $(BIELA) $(BENCH) $(VENV)       ## seconds a step, a
 	@BIELA=$(BIELA) $(RUN) $<
 bench-peer: tests/bench/peer.py $(BIELA) $(VENV)            ## against exudyn, side by side
 	@BIELA=$(BIELA) $(RUN) $<
+cost: tests/bench/cost.py $(BIELA) $(VENV)                  ## BASE=commit: instructions of this program beside that commit's
+	@BIELA=$(BIELA) BASE=$(BASE) $(RUN) $<
 extremes: tests/extremes/extremes.py $(BIELA) $(VENV)       ## numerical stability at the extremes: a report
 	@BIELA=$(BIELA) $(RUN) $<
 	@BIELA=$(BIELA) BOUND_SCENES=200 $(RUN) -m pytest -q -n $(JOBS) tests/steps/test_turning_springs.py tests/steps/test_bound_laws.py
