@@ -242,3 +242,49 @@ def test_an_accuracy_beyond_the_digits_is_told(run_deck):
     assert [p[1] for p in passes(run)] == pytest.approx([1e-12, 1e-13], abs=0.0)
     assert "the worst, b.angle[rad], by an estimated" in run.stderr
     assert "the accuracy is not kept: tolerances end at 1e-13" in run.stderr
+
+
+# equal lengths: at 0 and pi positions are singular; no force acts, and every angular velocity is constant
+PARALLELOGRAM = """&parameter name='a' value=0.7 /
+&body name='crank' mass=1 inertia=0.02 com=0.06,0 angle={a} angular_velocity=5 /
+&body name='bar' mass=1.5 inertia=0.02 com=0.15,0 position={0.12*cos(a)},{0.12*sin(a)} /
+&body name='rocker' mass=1 inertia=0.02 com=0.06,0 position=0.3,0 angle={a} /
+&joint name='a' type='revolute' body_a='crank' /
+&joint name='b' type='revolute' body_a='bar' body_b='crank' point_b=0.12,0 /
+&joint name='c' type='revolute' body_a='bar' point_a=0.3,0 body_b='rocker' point_b=0.12,0 /
+&joint name='d' type='revolute' body_a='rocker' point_b=0.3,0 /
+&sensor name='crank' quantity='angle' body='crank' /
+&sensor name='speed' quantity='angular_velocity' body='crank' /
+&transient t_end=2 output_step=0.01 """
+# a wheel at 100 rad/s with a ripple of its torque: a hundred-thousandth of its speed
+RIPPLE = """&body name='w' mass=1 inertia=0.1 angular_velocity=100 /
+&joint name='j' type='revolute' body_a='w' /
+&history name='h' kind='sine' amplitude=1 frequency={90/(2*pi)} /
+&force name='f' type='torque' body='w' moment=9e-3 history='h' /
+&sensor name='speed' quantity='angular_velocity' body='w' /
+&transient t_end=2 output_step=0.01 """
+
+
+@pytest.mark.parametrize("asked", ["1e-2", "1e-3", "1e-6"])
+def test_a_constant_column_is_not_measured_by_its_noise(asked, run_deck):
+    run = run_deck(PARALLELOGRAM + f"accuracy={asked} /\n")
+    assert run.figures["accuracy"]["kept"]
+    assert run.stderr == ""
+    assert np.abs(run.history["speed"] - 5).max() < 1e-3 * float(asked) * 5 + 1.5e-8 * 5
+    assert np.abs(run.history["crank"] - 0.7 - 5 * run.history.time).max() < float(asked) * 10
+    assert "speed[rad/s]" not in run.figures["transient"]["estimated_errors_of_range"]
+
+
+def test_a_second_run_does_not_measure_noise_by_noise(run_deck):
+    run = run_deck(PARALLELOGRAM + "method='radau' tolerance=1e-6 check_error=.true. /\n")
+    assert run.stderr == ""
+    coarse = run_deck(PARALLELOGRAM + "method='radau' tolerance=1e-3 check_error=.true. /\n", name="coarse")
+    assert "1 of 2 columns move by no more than they err, speed[rad/s] by an estimated" in coarse.stderr
+    assert "of its range" not in coarse.stderr
+
+
+@pytest.mark.parametrize("asked", ["1e-2", "1e-4"])
+def test_a_ripple_on_a_constant_speed_is_no_noise(asked, run_deck):
+    run = run_deck(RIPPLE + f"accuracy={asked} /\n")
+    speed = 100 + 1e-3 * (1 - np.cos(90 * run.history.time))
+    assert run.figures["accuracy"]["kept"] == (np.abs(run.history["speed"] - speed).max() < float(asked) * 2e-3)

@@ -25,14 +25,15 @@ contains
     type(result_column), allocatable :: columns(:)
     integer :: k
     columns = compared_columns(run)
-    associate (ladder => march%ladder, large => x%error > x%asked)
+    associate (ladder => march%ladder, large => x%error > x%asked .and. .not. x%unseen)
       k = merge(2, ladder%count - 1, ladder%estimates)
       call text%line('  estimated errors, from the difference to pass {compared_with #}'//either(' with '//either('half the step', &
         'a tenth of the tolerance', ladder%passes(k)%fixed), '', ladder%estimates)//':', [real(wp) :: k])
       if (allocated(run%model_error)) call text%line('    (those of left-out modes and of meshes included)')
       call column_lines('estimated_errors', columns, x%error, x%range, text, large)
       if (any(x%absolute) .and. .not. ladder%estimates) then
-        call text%line('  absolute accuracy of columns with a floor, or a range below a thousandth of the largest of their kind:')
+        call text%line('  absolute accuracy of columns with a floor, or a range below a thousandth of the largest of their '// &
+                       'kind, or noise:')
         call text%table('absolute', pack(labels_of(columns), x%absolute), pack(x%asked, x%absolute), 2)
       end if
       if (run%sys%roots > 0) call text%line('  events of both runs: {events_compared #}, their times err by an estimated '// &
@@ -42,13 +43,13 @@ contains
         call text%warn('from t = '//short_text(x%differ_at, 6)//' s on the event sequences of both runs differ: rows beyond '// &
                        'are not predictable, and these estimates compare two motions there')
       end if
-      k = maxloc(x%error/x%asked, 1)
+      k = max(1, maxloc(x%error/x%asked, 1, x%range > 0.0_wp .and. .not. x%unseen))
       if (ladder%estimates .and. ladder%passes(1)%residual > march%balance%floor() .and. &
           march%balance%largest_residual > half*ladder%passes(1)%residual) then
         call text%warn('the energy balance of the second run closes hardly better: vibrations that both runs damp away between '// &
                        'rows are missing in these estimates; a smaller output_step or step shows them')
         call text%line('  accuracy: unknown, columns may err by more than was estimated')
-      else if (x%range(k) > 0.0_wp) then
+      else if (x%range(k) > 0.0_wp .and. .not. x%unseen(k)) then
         call text%line('  accuracy: the worst column, {worst_column='//trim(columns(k)%label())//'}, errs by an estimated '// &
                        '{worst_error_of_range 1} of its range', [x%error(k)/x%range(k)])
       end if
@@ -56,6 +57,12 @@ contains
         either(short_text(distrusted, 1)//' of their range', 'is asked', ladder%estimates)//', the worst, '// &
         trim(columns(k)%label())//', by an estimated '//short_text(x%error(k)/x%range(k), 1)//' of its range'// &
         either('; use a smaller step or tolerance', '', ladder%estimates))
+      if (any(x%unseen)) then
+        k = maxloc(x%error/x%asked, 1, x%unseen)
+        call text%warn(to_text(count(x%unseen))//' of '//to_text(size(large))//' columns move by no more than they err, '// &
+          trim(columns(k)%label())//' by an estimated '//short_text(x%error(k), 1)//': whether they are constant is not known'// &
+          either('; a smaller step or tolerance tells', '', ladder%estimates))
+      end if
     end associate
   end subroutine error_lines
 
@@ -70,7 +77,7 @@ contains
     integer :: k
     call text%line('    column, largest error, of its range')
     do k = 1, size(error)
-      share(k) = '  (constant but for rounding)'
+      share(k) = '  (constant but for rounding or errors)'
       if (range(k) > 0.0_wp) share(k) = ' '//short_text(error(k)/range(k), 1)
       if (present(too_large)) share(k) = trim(share(k))//either(', too large', '', too_large(k))
     end do

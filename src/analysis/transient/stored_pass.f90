@@ -14,6 +14,7 @@ module stored_pass
   public :: compared_columns
 
   real(wp), parameter, public :: least_range = 1.0e-3_wp   !! that counts, of the largest one of its kind [-]
+  real(wp), parameter :: half_digits = sqrt(epsilon(1.0_wp))   ! what singular positions leave of a value [-]
 
   !> The last pass that was finished, and that under way.
   type, public :: pass_rows
@@ -32,9 +33,10 @@ module stored_pass
   !> What two passes show beside each other.
   type, public :: pass_difference
     real(wp), allocatable :: error(:)         !! (columns) largest difference [of the column]
-    real(wp), allocatable :: range(:)         !! (columns) by how much they move; 0: rounding [of the column]
+    real(wp), allocatable :: range(:)         !! (columns) by how much they move; 0: rounding, noise [of the column]
     real(wp), allocatable :: asked(:)         !! (columns) errors that the accuracy allows; huge: any [of the column]
     logical, allocatable :: absolute(:)       !! (columns) these are not set by the range alone
+    logical, allocatable :: unseen(:)         !! (columns) whether they move is not known: the error may be all of the range
     integer :: matched = 0                    !! events of both
     real(wp) :: event_error = 0.0_wp          !! largest difference of their times [s]
     real(wp) :: differ_at = -1.0_wp           !! time from which the events of both differ, < 0: they do not [s]
@@ -99,7 +101,7 @@ contains
     end do
     seen = column_range(minval(self%values, 2), maxval(self%values, 2))
     x%range = seen%moved(run%sys%m%s, compared_columns(run), run%d%transient%t_end)
-    call find_asked(run, x)
+    call find_asked(run, max(abs(seen%low), abs(seen%high)), x)
     if (allocated(run%model_error)) where (x%asked < huge(1.0_wp)) x%error = x%error + run%model_error
   end function difference
 
@@ -147,27 +149,42 @@ contains
   !> The error that each column may have: the accuracy of its sensor times its range, or the sensor's floor; any where a column is
   !> constant but for rounding, or counts states or elements. Without an accuracy it is that of results that can be trusted. A range
   !> counts at least a thousandth of the largest one of the same quantity and unit: a column that hardly moves beside them shall not
-  !> set the cost.
-  subroutine find_asked(run, x)
+  !> set the cost. A range errs by up to twice the error of its values: below that it may be noise, which is no measure. The value of
+  !> that quantity is one: a column whose error is small beside it is constant, as far as two passes can tell.
+  subroutine find_asked(run, value, x)
     type(run_state), intent(in) :: run
+    real(wp), intent(in) :: value(:)          !! (columns) largest one [of the column]
     type(pass_difference), intent(inout) :: x
     type(result_column), allocatable :: columns(:)
-    real(wp) :: accuracy, floor, counted      ! [-], [of the column]
+    real(wp) :: range(size(value))            ! (columns) [of the column]
+    real(wp) :: accuracy, floor, counted, scale, level   ! [-], [of the column]
     integer :: k, n
     columns = compared_columns(run)
+    range = x%range
     x%asked = spread(huge(1.0_wp), 1, size(columns))
     x%absolute = spread(.false., 1, size(columns))
+    x%unseen = x%absolute
     do k = 1, size(columns)
-      if (.not. x%range(k) > 0.0_wp .or. columns(k)%unit == '-') cycle
+      if (.not. range(k) > 0.0_wp .or. columns(k)%unit == '-') cycle
       accuracy = merge(run%d%transient%accuracy, distrusted, run%d%transient%accuracy > 0.0_wp)
       floor = 0.0_wp
       n = count(run%list%first <= k)
       if (n > 0) floor = run%d%sensors(n)%floor
       if (n > 0) accuracy = merge(run%d%sensors(n)%accuracy, accuracy, run%d%sensors(n)%accuracy > 0.0_wp)
-      counted = maxval(x%range, columns%quantity == columns(k)%quantity .and. columns%unit == columns(k)%unit)
-      counted = max(x%range(k), least_range*counted)
+      associate (kind => columns%quantity == columns(k)%quantity .and. columns%unit == columns(k)%unit)
+        counted = max(range(k), least_range*maxval(range, kind))
+        scale = maxval(value, kind)
+      end associate
+      level = max(half_digits, least_range*accuracy)*scale
       x%asked(k) = max(accuracy*counted, floor)
-      x%absolute(k) = x%asked(k) > accuracy*x%range(k)
+      x%unseen(k) = x%error(k) > x%asked(k) .and. x%error(k) <= distrusted*scale .and. &
+                    range(k) <= max(2*x%error(k), half_digits*scale)
+      if (x%unseen(k) .and. x%error(k) <= level) then
+        x%asked(k) = level
+        x%range(k) = 0.0_wp
+        x%unseen(k) = .false.
+      end if
+      x%absolute(k) = x%asked(k) > accuracy*range(k)
     end do
   end subroutine find_asked
 
