@@ -18,6 +18,7 @@ module projection
   real(wp), parameter :: rate_goal = 20*epsilon(1.0_wp)       !! |Phi'| wanted, relative to the fastest marker [-]
   real(wp), parameter, public :: closed = 1.0e-12_wp   !! |Phi| of a closed mechanism, relative to the scene's size [-]
   real(wp), parameter :: angle_rounding = 16*epsilon(1.0_wp)   !! likewise, for each radian of a body's angle [-]
+  real(wp), parameter :: angle_digits = epsilon(1.0_wp)        !! what of that no correction mends [-]
   real(wp), parameter :: nearly = 1.0e-4_wp          !! |Phi| from which weak pivots are tried at a nearly singular position [-]
 
 contains
@@ -61,17 +62,21 @@ contains
     real(wp), intent(inout), contiguous :: q(:)   !! (nq) [m, rad]
     real(wp), intent(in), contiguous :: v(:), z(:), zd(:)   !! (nq), (nz) [m, rad], [m/s, rad/s]
     logical, intent(out) :: ok
-    real(wp) :: worst, before, goal, enough
+    real(wp) :: worst, before, goal, enough, turned   ! [m]
     integer :: pass
     logical :: by_frames
+    turned = self%s%size*largest(size(ev%frame%angle), ev%frame%angle)
     goal = position_goal*(self%s%size + largest(size(ev%p%r), ev%p%r))
-    enough = max(closed*self%s%size, 16*goal, angle_rounding*self%s%size*largest(size(ev%frame%angle), ev%frame%angle))
+    enough = max(closed*self%s%size, 16*goal, angle_rounding*turned)
     before = huge(1.0_wp)
     do pass = 1, most_passes
       call marker_kinematics(self, ev, q, v)
       call constraint_values(self, ev, options, t)
       worst = largest(self%s%rows, ev%rows%phi)
       if (.not. worst > goal) exit
+      if (worst <= angle_digits*turned) then
+        if (is_rounding(self, ev, goal)) exit
+      end if
       if (worst > 0.5_wp*before .and. worst <= enough) exit
       if (worst > 0.1_wp*before) then
         if (pass > 3 .and. worst > 0.5_wp*before .and. pass > most_passes/2) exit
@@ -95,6 +100,24 @@ contains
     end do
     ok = worst <= enough
   end subroutine project_positions
+
+  !> Whether all rows are closed but for the last digits of angles, those of a row's own bodies: turns made cost no corrections.
+  pure logical function is_rounding(self, ev, goal) result(yes)
+    type(mechanism_model), intent(in) :: self
+    type(evaluation), intent(in) :: ev
+    real(wp), intent(in) :: goal              !! |Phi| wanted where nothing has turned [m]
+    real(wp) :: left(self%s%rows)             ! [m]
+    integer :: b, e
+    left = abs(ev%rows%phi) - goal
+    associate (side => self%incidence)
+      do b = 1, size(self%s%bodies)
+        do e = side%first(b), side%first(b + 1) - 1
+          left(side%row(e)) = left(side%row(e)) - angle_digits*self%s%size*abs(ev%frame%angle(b))
+        end do
+      end do
+    end associate
+    yes = all(left <= 0.0_wp)
+  end function is_rounding
 
   !> Corrections of the velocities at fixed positions.
   subroutine project_velocities(self, ev, q, v)

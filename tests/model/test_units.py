@@ -177,3 +177,40 @@ def test_steady_turn_of_a_sprung_link(run_deck, scale, stiffness, spin):
     frequency = np.sqrt((stiffness + pull * np.cos(exact)) / (2.0 / 3.0)) / (2.0 * np.pi)
     modes = read(run.folder, "modes")
     assert modes["frequency"][0] == pytest.approx(float(u(frequency, time=-1)), rel=1e-10)
+
+
+def carried_line(u, words):
+    """Return a damped beam that carries a slider's line; a damper from the slider to the ground turns with the body."""
+    return f"""&scene gravity=0.0,{u(-9.81, length=1, time=-2)} /
+&material name='m' density={u(2000.0, mass=1, length=-3)} young={u(2e8, mass=1, length=-1, time=-2)} rayleigh_stiffness={u(1e-4, time=1)} /
+&section name='s' shape='rectangle' width={u(0.02, length=1)} height={u(0.01, length=1)} /
+&body name='b' kind='beam' length={u(0.4, length=1)} elements=2 material='m' section='s' /
+&body name='c' kind='rigid' mass={u(0.4, mass=1)} inertia={u(1e-3, mass=1, length=2)} angle=0.2
+  position={u(0.5, length=1)},{u(0.05, length=1)} com={u(0.04, length=1)},{u(0.03, length=1)} /
+&joint name='j' type='revolute' body_a='b' node_a=1 /
+&joint name='k' type='slider' body_a='c' body_b='b' node_b=-1 direction=0.4636 /
+&spring name='d' type='linear' body_a='c' point_a={u(0.1, length=1)},0.0 point_b={u(0.8, length=1)},{u(0.3, length=1)}
+  stiffness={u(30.0, mass=1, time=-2)} damping={u(2.0, mass=1, time=-1)} /
+&sensor name='p' quantity='position' body='c' /
+&sensor name='pin' quantity='reaction' joint='j' /
+&transient t_end={u(0.05, time=1)} output_step={u(1e-3, time=1)} {words} /
+"""
+
+
+@pytest.mark.parametrize("powers", [(0, -10, 0), (0, -20, 0), (0, 10, 0), (20, 0, 0), (0, 0, -12)])
+@pytest.mark.parametrize("method", ["radau", "generalized_alpha"])
+def test_a_line_that_a_body_carries_is_the_same_in_any_units(run_deck, powers, method):
+    """Rows of moments and of rates stand beside those of forces: mixed pivots, 1e-6 by length, looked like a singular position."""
+
+    def run(u, name):
+        words = "tolerance=1e-6" if method == "radau" else f"step={u(2e-4, time=1)}"
+        found = run_deck(carried_line(u, f"method='{method}' {words}"), name=name)
+        told = found.transient
+        return [told[x] for x in ("steps", "newton_iterations")], found.history["p.x"] / float(u(1, length=1)), found.history
+
+    u = Units(*powers)
+    plain, found = run(Units(0, 0, 0), "plain"), run(u, "other")
+    assert found[0] == pytest.approx(plain[0], rel=0.005)
+    assert np.abs(found[1] - plain[1]).max() < 1e-10
+    force = found[2]["pin.fy"] / float(u(1, mass=1, length=1, time=-2))
+    assert np.abs(force - plain[2]["pin.fy"]).max() < 1e-8 * np.abs(force).max()

@@ -37,6 +37,7 @@ module border_row_lists
     integer :: nc = 0                        !! constraint rows, the first ones
     type(coupling), allocatable :: laws(:)
     logical, allocatable :: rate_row(:)      !! (n)
+    real(wp), allocatable :: lever(:)        !! (n) of angles: a power of two near the scene's size, by which moments are forces [m]
     integer, allocatable :: switched(:)      !! constraint rows that can be off
     integer :: kd = 0                        !! half band width
     integer, allocatable :: position(:)      !! (n)
@@ -59,8 +60,13 @@ contains
     call list_laws(r, m, states)
     call r%sort(size(m%s%bodies))
     allocate (r%rate_row(r%n), source=.false.)
+    allocate (r%lever(r%n), source=1.0_wp)
     do k = 1, size(r%laws)
-      r%rate_row(r%laws(k)%rate(1:r%laws(k)%nr)) = .true.
+      associate (t => r%laws(k))
+        r%rate_row(t%rate(1:t%nr)) = .true.
+        where (mod(t%slot(1:t%n), 3) == 0) r%lever(t%row(1:t%n)) = scale(1.0_wp, exponent(m%s%size))
+        where (mod(t%column_slot(1:t%nc), 3) == 0) r%lever(t%column(1:t%nc)) = scale(1.0_wp, exponent(m%s%size))
+      end associate
     end do
   end subroutine list_rows
 

@@ -29,6 +29,7 @@ module border_rows
     real(number), allocatable :: e(:, :)       !! (-kd:kd, n) equations by rows [m/N, -]
     real(number), allocatable :: lu(:, :)      !! (3 kd + 1, n) LAPACK band storage [-]
     real(wp), allocatable :: scale(:)        !! (n) of the equations, by position [N/m, -]
+    real(wp), allocatable :: lever(:)        !! (n) of the unknowns, by position: all are solved for as forces [m, m/(N s), -]
     integer, allocatable :: pivots(:)        !! (n)
     integer :: upper = 0                     !! diagonals of the factor above the main one
     real(number), allocatable :: x(:, :)     !! (n, 3) right-hand sides, by position [-]
@@ -72,10 +73,12 @@ contains
       allocate (r%marker_row(3, sides), r%marker_column(3, sides), r%frame_row(3, sides), r%frame_column(3, sides), &
                 r%solved_column(3, sides), r%k(6, 6, laws), r%s(-kd:kd, n), r%d(n), r%y(n), r%closing(n, 3))
       allocate (r%g(6, 6, laws), source=0.0_wp)
-      allocate (r%system%e(-kd:kd, n), r%system%lu(3*kd + 1, n), r%system%scale(n), r%system%x(n, 3), r%system%pivots(n))
+      allocate (r%system%e(-kd:kd, n), r%system%lu(3*kd + 1, n), r%system%scale(n), r%system%lever(n), r%system%x(n, 3), &
+                r%system%pivots(n))
       allocate (r%open(size(r%switched)))
     end associate
     r%open%row = r%switched
+    r%system%lever(r%position) = r%lever
   end subroutine set_up_rows
 
   !> The equations between rows from their compliance, and their LU factor. The shift keeps dependent rows apart.
@@ -97,6 +100,7 @@ contains
       p = r%position(i)
       r%system%e(:, p) = 0.0_wp
       if (r%rate_row(i)) r%system%e(:, p) = r%s(:, p)
+      if (r%rate_row(i)) r%system%lever(p) = huge(1.0_wp)
       r%system%e(0, p) = r%system%e(0, p) + 1.0_wp
     end do
     do i = 1, size(r%open)
@@ -114,18 +118,24 @@ contains
           do j = 1, t%nr
             o = r%position(t%rate(j)) - p
             r%system%e(o, p) = r%system%e(o, p) - r%g(t%slot(i), t%rate_slot(j), k)
+            x = r%g(t%slot(i), t%rate_slot(j), k)/r%system%lever(p)
+            if (abs(x) > 0.0_wp) r%system%lever(p + o) = min(r%system%lever(p + o), scale(1.0_wp, -exponent(abs(x))))
           end do
         end do
       end associate
     end do
     r%system%lu = 0.0_wp
+    where (.not. r%system%lever < huge(1.0_wp)) r%system%lever = 1.0_wp
     do i = 1, n
-      largest = maxval(abs(r%system%e(:, i)))
+      largest = 0.0_wp
+      do o = max(-r%kd, 1 - i), min(r%kd, n - i)
+        largest = max(largest, abs(r%system%e(o, i))*r%system%lever(i + o))
+      end do
       r%bad = r%bad .or. .not. (largest > 0.0_wp .and. largest < huge(1.0_wp))
       if (r%bad) return
       r%system%scale(i) = 1.0_wp/largest
       do o = max(-r%kd, 1 - i), min(r%kd, n - i)
-        r%system%lu(2*r%kd + 1 - o, i + o) = r%system%e(o, i)*r%system%scale(i)
+        r%system%lu(2*r%kd + 1 - o, i + o) = r%system%e(o, i)*(r%system%scale(i)*r%system%lever(i + o))
       end do
     end do
     call factor_lu(n, r%kd, r%system%lu, r%system%pivots, r%system%upper, r%bad)
@@ -233,5 +243,8 @@ contains
       r%system%x(:, k) = r%system%x(:, k)*r%system%scale
     end do
     call solve_lu(r%n, r%kd, r%system%lu, r%system%pivots, r%system%upper, columns, r%system%x)
+    do k = 1, columns
+      r%system%x(:, k) = r%system%x(:, k)*r%system%lever
+    end do
   end subroutine substitute
 end module border_rows
