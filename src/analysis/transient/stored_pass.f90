@@ -149,8 +149,8 @@ contains
   !> The error that each column may have: the accuracy of its sensor times its range, or the sensor's floor; any where a column is
   !> constant but for rounding, or counts states or elements. Without an accuracy it is that of results that can be trusted. A range
   !> counts at least a thousandth of the largest one of the same quantity and unit: a column that hardly moves beside them shall not
-  !> set the cost. A range errs by up to twice the error of its values: below that it may be noise, which is no measure. The value of
-  !> that quantity is one: a column whose error is small beside it is constant, as far as two passes can tell.
+  !> set the cost. A range errs by up to twice the error of its values: below that it may be noise, which is no measure. Values of
+  !> that quantity are one: a column whose error is small beside them is constant, as far as two passes can tell.
   subroutine find_asked(run, value, x)
     type(run_state), intent(in) :: run
     real(wp), intent(in) :: value(:)          !! (columns) largest one [of the column]
