@@ -36,7 +36,7 @@ module body
     integer :: factors = 0                    !! factored mass matrices: none where m_ff is the unit matrix
     integer :: reduced_from = 0               !! nodal coordinates before a reduction to modes; 0: they are the coordinates
     integer :: static_shapes = 0              !! static shapes among the coordinates
-    real(wp) :: unit = 1.0_wp                 !! metres in a unit of a coordinate that is no rotation: 1 of nodes [-]; of modes [kg^-1/2]
+    real(wp) :: unit = 1.0_wp                 !! metres in a unit of a coordinate that is no rotation: nodes 1 [-], modes [kg^-1/2]
     logical, allocatable :: rotation(:)       !! (nf) whether a coordinate is a node's rotation
     integer :: rows = 0, columns = 0          !! of the deformations
     logical, allocatable :: angle(:)          !! whether a deformation is an angle: of a column, for all alike, or of every one
