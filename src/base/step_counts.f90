@@ -4,7 +4,7 @@ module step_counts
   use kinds, only: wp, ip
   implicit none (type, external)
   private
-  public :: step_count, actual_step, rounding_of
+  public :: step_count, actual_step, rounding_of, same_instant
 
   real(wp), parameter, public :: most_counted = 1.0e18_wp   !! steps that an integer of 64 bits counts [-]
 
@@ -27,6 +27,12 @@ contains
     real(wp) :: slack
     slack = 16*spacing(abs(t))
   end function rounding_of
+
+  !> Whether steps take two times for one: within half of what histories allow, so that these then see one, too.
+  elemental logical function same_instant(a, b) result(yes)
+    real(wp), intent(in) :: a, b        !! [s]
+    yes = abs(a - b) <= 0.5_wp*rounding_of(max(abs(a), abs(b)))
+  end function same_instant
 
   !> The fixed step in use: an output interval is an integer number of steps.
   pure real(wp) function actual_step(output_step, step) result(h)   ! [s]

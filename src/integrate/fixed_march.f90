@@ -5,8 +5,8 @@ module fixed_march
   use event_location, only: find_event, keep_roots, restart_roots, pass_event
   use ode_system, only: ode
   use step_control, only: same_length
-  use step_counts, only: step_count, rounding_of
-  use time_stepper, only: stepper, step_grid, trouble_none
+  use step_counts, only: same_instant, step_count
+  use time_stepper, only: stepper, pass_stops, trouble_none
   implicit none (type, external)
   private
   public :: at_stop, fixed_attempt
@@ -22,15 +22,19 @@ contains
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! last and next output time [s]
     real(wp) :: h, ends
-    logical :: ok, at_event
+    logical :: ok, at_event, whole
     integer(ip) :: n
     if (self%roots%pending) then
       call pass_event(self, system)
       return
     end if
-    n = step_count(from, to, self%settings%step)
-    call next_piece(self, from, to, n, system%longest_fixed((to - from)/real(n, wp), self%settings%order), h, ends)
+    associate (parts => self%settings%parts)
+      n = step_count(from, to, parts*self%settings%step)
+      call next_piece(self, from, to, n, parts*system%longest_fixed((to - from)/(real(n, wp)*parts), self%settings%order), h, whole)
+    end associate
     if (self%output_due) return
+    if (self%settings%parts > 1) call divide_piece(self, h, whole)
+    ends = self%tried
     call self%try_step(system, h, ok)
     at_event = .false.
     if (ok .and. system%roots > 0) call find_event(self, system, h, at_event, ok)
@@ -40,26 +44,48 @@ contains
     end if
     if (system%roots > 0) call keep_roots(self, system, h, at_event)
     if (h > 0.0_wp) call self%accept_step(system, h)
-    if (.not. at_event .and. at_stop(self, h)) call restart_roots(self, system)
-    if (self%trouble == trouble_none .and. abs(self%tried - ends) <= 0.0_wp .and. h > 0.0_wp) call count_part(self%grid, n)
+    if (.not. at_event .and. at_stop(self)) call restart_roots(self, system)
+    if (self%trouble /= trouble_none .or. abs(self%tried - ends) > 0.0_wp .or. .not. h > 0.0_wp) return
+    if (self%settings%parts > 1) self%grid%left = self%grid%left - 1
+    if (whole) call count_part(self, n)
   end subroutine fixed_attempt
 
-  !> Whether the step that was tried, of length h, ends at a stop.
-  pure logical function at_stop(self, h) result(yes)
+  !> A finer pass divides every piece of a first one, also where a stop ends it: passes of like pieces would agree, however wrong.
+  pure subroutine divide_piece(self, h, whole)
+    class(stepper), intent(inout) :: self
+    real(wp), intent(inout) :: h              !! [s]
+    logical, intent(inout) :: whole           !! a part of the grid ends with it
+    associate (g => self%grid)
+      if (abs(self%tried - g%ends) > 0.0_wp .or. g%left < 1) then
+        g%ends = self%tried
+        g%left = self%settings%parts
+      end if
+      if (g%left == 1) return
+      whole = .false.
+      h = h/g%left
+      self%tried = self%t + h
+    end associate
+  end subroutine divide_piece
+
+  !> Whether the step that was tried ends at a stop.
+  pure logical function at_stop(self) result(yes)
     class(stepper), intent(in) :: self
-    real(wp), intent(in) :: h                 !! [s]
     yes = allocated(self%settings%stops)
-    if (yes) yes = self%settings%stops(self%next_stop) <= self%tried + same_length*h + rounding_of(self%tried)
+    if (yes) yes = same_instant(self%settings%stops(self%next_stop), self%tried)
   end function at_stop
 
-  !> The next step: its length, its end `tried`, and the end of the part of the grid that it belongs to. A stop within it ends it.
-  subroutine next_piece(self, from, to, n, longest, h, ends)
+  !> The next step: its length, its end `tried`, and whether a part of the grid ends there. A stop within it ends it. The end of a
+  !> part beside a stop is that stop, and a rest of a step joins the next one: pieces are not so short that rounding sets their
+  !> accelerations. But a row stays where it is, unless the stop is at its time.
+  subroutine next_piece(self, from, to, n, longest, h, whole)
     class(stepper), intent(inout) :: self
     real(wp), intent(in) :: from, to          !! [s]
     integer(ip), intent(in) :: n              !! steps in the interval
     real(wp), intent(in) :: longest           !! that events allow [s]
-    real(wp), intent(out) :: h, ends          !! [s]
-    real(wp) :: full_step, tolerance              ! [s]
+    real(wp), intent(out) :: h                !! [s]
+    logical, intent(out) :: whole
+    real(wp) :: full_step, ends, beside           ! [s]
+    logical :: at_row
     full_step = (to - from)/real(n, wp)
     associate (g => self%grid)
       do
@@ -69,11 +95,12 @@ contains
         end do
         h = full_step/2**g%level
         ends = from + (real(g%done, wp) + real(g%part + 1, wp)/2**g%level)*full_step
-        if (g%part + 1 == 2**g%level .and. g%done + 1 == n) ends = to
+        at_row = g%part + 1 == 2**g%level .and. g%done + 1 == n
+        if (at_row) ends = to
+        beside = merge(same_length, joined, at_row)*h
         if (abs(self%t - (from + (real(g%done, wp) + real(g%part, wp)/2**g%level)*full_step)) > 0.0_wp) then
           if (ends - self%t < joined*h) then
-            call count_part(g, n)
-            self%output_due = g%done == 0 .and. g%part == 0
+            call count_part(self, n)
             if (self%output_due) return
             cycle
           end if
@@ -83,29 +110,31 @@ contains
       end do
     end associate
     self%tried = ends
+    whole = .true.
     if (.not. allocated(self%settings%stops)) return
-    associate (stops => self%settings%stops, k => self%next_stop)
-      tolerance = same_length*h + rounding_of(ends)
-      do while (stops(k) <= self%t + tolerance .and. k < size(stops))
-        k = k + 1
-      end do
-      if (stops(k) <= self%t + tolerance .or. stops(k) >= ends - tolerance) return
-      h = stops(k) - self%t
-      self%tried = stops(k)
+    call pass_stops(self%t, self%settings%stops, self%next_stop)
+    associate (stop => self%settings%stops(self%next_stop))
+      if (stop <= self%t .or. stop > ends + beside .or. same_instant(stop, ends)) return
+      whole = stop >= ends - same_length*h
+      self%tried = stop
+      h = stop - self%t
     end associate
   end subroutine next_piece
 
-  !> A part of a step is done; parts grow again as far as they fit.
-  pure subroutine count_part(g, n)
-    type(step_grid), intent(inout) :: g
+  !> A part of a step is done; parts grow again as far as they fit. The last one of an output interval makes its row due.
+  pure subroutine count_part(self, n)
+    class(stepper), intent(inout) :: self
     integer(ip), intent(in) :: n              !! steps in the interval
-    g%part = g%part + 1
-    do while (g%level > 0 .and. mod(g%part, 2) == 0)
-      g%level = g%level - 1
-      g%part = g%part/2
-    end do
-    if (g%level > 0) return
-    g%part = 0
-    g%done = merge(0_ip, g%done + 1, g%done + 1 == n)
+    associate (g => self%grid)
+      g%part = g%part + 1
+      do while (g%level > 0 .and. mod(g%part, 2) == 0)
+        g%level = g%level - 1
+        g%part = g%part/2
+      end do
+      if (g%level > 0) return
+      self%output_due = g%done + 1 == n
+      g%part = 0
+      g%done = merge(0_ip, g%done + 1, self%output_due)
+    end associate
   end subroutine count_part
 end module fixed_march

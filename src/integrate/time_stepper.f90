@@ -8,11 +8,11 @@ module time_stepper
   use archive, only: value_archive
   use ode_system, only: ode
   use step_control, only: error_norm
-  use step_counts, only: rounding_of
+  use step_counts, only: same_instant
   use summary_text, only: summary_record
   implicit none (type, external)
   private
-  public :: step_end, exchange_common
+  public :: step_end, pass_stops, exchange_common
 
   !> How a call of `advance` ended: at the output time, before it, or with the solution lost.
   integer, parameter, public :: reached = 1, paused = 2, diverged = 3
@@ -25,6 +25,7 @@ module time_stepper
     logical :: adaptive = .false.             !! steps are chosen by their errors
     integer :: order = 1                      !! of the method
     real(wp) :: step = 0.0_wp                 !! fixed: as written in the deck [s]
+    integer :: parts = 1                      !! fixed: of each step, or piece of one, of a first pass that this one refines
     real(wp) :: tolerance = 0.0_wp            !! adaptive [-]
     real(wp) :: first_step = 0.0_wp           !! adaptive [s], 0: chosen by the method
     real(wp) :: max_step = huge(1.0_wp)       !! adaptive [s]
@@ -37,6 +38,8 @@ module time_stepper
     integer(ip) :: done = 0                   !! whole steps
     integer :: level = 0                      !! the step is divided into 2**level parts
     integer :: part = 0                       !! parts of it done
+    integer :: left = 0                       !! pieces to take up to the time `ends`
+    real(wp) :: ends = -1.0_wp                !! [s]
   end type step_grid
 
   !> Roots at the end of a step of some length, as `find_roots` says.
@@ -71,7 +74,7 @@ module time_stepper
     type(step_grid) :: grid
     type(root_watch) :: roots
     integer :: next_stop = 1                  !! first of the stops after t; found again after a restart
-    logical :: output_due = .false.           !! fixed: the output interval is done, but for a remainder that joins the next step
+    logical :: output_due = .false.           !! fixed: the output interval is done, but for what joins the next step
     integer :: cause = trouble_none           !! why the last trial could not be made
     integer :: trouble = trouble_none         !! after `diverged`
     real(wp) :: tried = 0.0_wp                !! end of the step that is tried [s]
@@ -163,13 +166,11 @@ contains
     integer, intent(in) :: most
     real(wp), intent(inout) :: y(:)           !! (n) state [unit]
     integer, intent(out) :: outcome           !! reached, paused or diverged
-    real(wp) :: end                           ! fixed steps end at the very time [s]
     integer :: attempt
     logical :: ok
-    end = to - merge(rounding_of(to), 0.0_wp, self%settings%adaptive)
     attempt = 0
     outcome = paused
-    do while (self%t < end .and. .not. self%output_due)
+    do while (merge(self%t < to, .not. self%output_due, self%settings%adaptive))
       if (attempt == most) return
       attempt = attempt + 1
       if (.not. system%fault) call self%attempt(system, from, to)
@@ -199,7 +200,7 @@ contains
     type(value_archive), intent(inout) :: a
     integer :: k
     call a%exchange(self%t, self%steps, self%rejected, self%shortest, self%longest, self%removed, self%grid%done, self%grid%level)
-    call a%exchange(self%grid%part)
+    call a%exchange(self%grid%part, self%grid%left, self%grid%ends)
     call a%exchange(self%y)
     associate (r => self%roots)
       call a%exchange(r%now%g, r%now%rate)
@@ -238,14 +239,22 @@ contains
     integer, intent(inout) :: next            !! first stop after t; on entry one that is not after that
     real(wp), intent(out) :: h, ends          !! step and its end [s]
     logical, intent(out) :: at_stop           !! whether the step ends at that stop
-    do while (stops(next) <= t + rounding_of(t) .and. next < size(stops))
-      next = next + 1
-    end do
+    call pass_stops(t, stops, next)
     at_stop = t + 1.01_wp*wanted >= stops(next)
     h = wanted
     if (at_stop) h = stops(next) - t
     ends = merge(stops(next), t + h, at_stop)
   end subroutine step_end
+
+  !> The first stop after t; the last one is the end of the run.
+  pure subroutine pass_stops(t, stops, next)
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in) :: stops(:)          !! ascending [s]
+    integer, intent(inout) :: next            !! on entry one that is not after that
+    do while (next < size(stops) .and. (stops(next) < t .or. same_instant(stops(next), t)))
+      next = next + 1
+    end do
+  end subroutine pass_stops
 
   !> Work of solving for steps, in explicit evaluations.
   pure real(wp) function no_implicit_work(self) result(work)

@@ -40,7 +40,7 @@ LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     },
     ("alpha_state", "energy_sums", "alpha_state", "self%energy"): {"pairs", "next"},
     ("alpha_state", "newton_memory", "alpha_state", "self%newton"): set(),
-    ("radau_stepper", "radau_march", "radau_stepper", "self"): {"powers"},
+    ("radau_stepper", "radau_march", "radau_stepper", "self"): set(),
     ("radau_stages", "radau_stage_values", "radau_stages", "self"): {
         *("method", "nq", "nz", "nzd", "rows", "t", "h", "q", "v", "a", "u", "lambda", "work"),
     },

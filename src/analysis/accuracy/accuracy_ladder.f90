@@ -16,6 +16,7 @@ module accuracy_ladder
   !> How a pass ended.
   integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
 
+  integer, parameter :: most_halvings = 30     !! of steps: more than a run could take
   integer, parameter :: most_slow = 3          !! passes in a row that do not halve the least difference: it does not converge
   real(wp), parameter, public :: half = 0.5_wp      !! what a finer pass leaves of a difference that converges, at most [-]
   real(wp), parameter, public :: tighter = 0.1_wp   !! tolerance of a pass, of that before it [-]
@@ -167,6 +168,8 @@ contains
     associate (pass => self%passes(self%count), before => self%passes(max(1, self%count - 1)))
       r%method = pass%method(:len(r%method))
       r%adaptive = .not. pass%fixed
+      r%every_break = .true.
+      r%parts = merge(2**min(self%count - 1, most_halvings), 1, pass%fixed)
       r%tolerance = pass%setting
       r%step = pass%setting
       r%max_step = shorter*self%asked%max_step

@@ -9,6 +9,7 @@ module choose_stepper
   use history, only: breakpoint, merged
   use radau_stepper, only: radau_march
   use scene_model, only: scene
+  use step_counts, only: same_instant
   use tableaux, only: tableau, method_tableau
   use time_stepper, only: stepper
   implicit none (type, external)
@@ -46,6 +47,7 @@ contains
       settings%adaptive = r%adaptive
       settings%order = method_order(r%method)
       settings%step = r%step
+      settings%parts = r%parts
       settings%tolerance = r%tolerance
       settings%first_step = r%first_step
       if (r%max_step > 0.0_wp) settings%max_step = r%max_step
@@ -63,7 +65,8 @@ contains
 
   !> Times that end a step: the breakpoints of histories of loads, drives and controllers, and the end of the run; and whether
   !> accelerations jump there. Orders of breakpoints are those of accelerations. Fixed steps end at breakpoints that lower the
-  !> method's order; steps by the error also at those that disturb its estimate.
+  !> method's order; steps by the error also at those that disturb its estimate. Where an error is asked for, fixed steps end at all,
+  !> so that no load lies unseen between the stages of all passes.
   subroutine step_ends(r, s, ends, jumps)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s
@@ -84,7 +87,8 @@ contains
     do k = 1, size(s%controllers)
       list = merged(list, s%controllers(k)%breakpoints(r%t_end))
     end do
-    list = pack(list, list%order <= method_order(r%method) - merge(0, 2, r%adaptive))
+    list = pack(list, .not. same_instant(list%time, r%t_end) .and. &
+                (list%order <= method_order(r%method) - merge(0, 2, r%adaptive) .or. r%accuracy > 0.0_wp .or. r%every_break))
     ends = [list%time, r%t_end]
     jumps = [list%order == 0, .false.]
   end subroutine step_ends

@@ -45,6 +45,8 @@ module deck_records
   type, extends(transient_values), public :: transient_record
     logical :: adaptive = .false.            !! tolerance given rather than step
     logical :: free_method = .false.         !! the accuracy decides on the method, too
+    integer :: parts = 1                     !! into which fixed steps of a first pass are divided
+    logical :: every_break = .false.         !! fixed steps end at breakpoints of any order
   end type transient_record
 
   type, extends(periodic_values), public :: periodic_record

@@ -5,6 +5,7 @@ module fixed_step
   use event_location, only: begin_roots
   use fixed_march, only: at_stop, fixed_attempt
   use ode_system, only: ode, is_bounded
+  use step_control, only: same_length
   use tableaux, only: tableau
   use time_stepper, only: stepper, exchange_common, trouble_size, trouble_manifold
   implicit none (type, external)
@@ -78,7 +79,7 @@ contains
     call move_alloc(self%y, old)              ! exchanged, not copied
     call move_alloc(self%trial, self%y)
     call move_alloc(old, self%trial)
-    call system%derivative(self%tried, self%y, .not. at_stop(self, h), self%k(:, 1))
+    call system%derivative(self%tried, self%y, .not. at_stop(self), self%k(:, 1))
     call self%count_step(self%tried, h)
   end subroutine accept_step
 
@@ -91,22 +92,28 @@ contains
     call system%derivative(self%t, self%y, .false., self%k(:, 1))
   end subroutine restart
 
-  !> The state, or the end of a step over what is left to the output time.
+  !> The state, or the end of a step over what is left to the output time; a rest that is rounding needs the derivative alone.
   subroutine output_state(self, system, to, y, ok)
     class(fixed_stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: to                !! [s]
     real(wp), intent(inout) :: y(:)           !! (n) [unit]
     logical, intent(out) :: ok
+    real(wp) :: rest                          ! [s]
     y = self%y
     ok = .true.
-    if (.not. self%output_due .and. at_stop(self, self%settings%step)) call system%derivative(to, y, .true., self%trial)
-    if (.not. self%output_due) return
-    self%tried = to
-    call self%try_step(system, to - self%t, ok)
-    if (.not. ok) self%trouble = self%cause
-    if (.not. ok) return
-    y = self%trial
+    rest = to - self%t
+    if (.not. (abs(rest) > 0.0_wp .or. at_stop(self))) return   ! the last evaluation is that of the row
+    if (abs(rest) > same_length*self%settings%step) then
+      self%tried = to
+      call self%try_step(system, rest, ok)
+      if (.not. ok) self%trouble = self%cause
+      if (.not. ok) return
+      y = self%trial
+    else if (abs(rest) > 0.0_wp) then
+      call system%derivative(to, y, .true., self%trial)
+      y = y + rest*self%trial
+    end if
     call system%derivative(to, y, .true., self%trial)
   end subroutine output_state
 

@@ -4,9 +4,10 @@ module implicit_march
   use kinds, only: wp, ip
   use archive, only: value_archive
   use event_location, only: begin_roots
-  use fixed_march, only: fixed_attempt
+  use fixed_march, only: at_stop, fixed_attempt
   use ode_system, only: ode, is_bounded
   use second_order_system, only: second_order_ode
+  use step_control, only: same_length
   use summary_text, only: summary_record
   use text, only: either, to_text
   use time_stepper, only: stepper, exchange_common, trouble_size, trouble_manifold, trouble_iteration, trouble_shape
@@ -169,7 +170,6 @@ contains
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: h                 !! [s]
     real(wp), intent(in), contiguous :: q(:)  !! (nq) positions [m, rad]
-    integer :: k
     logical :: ok
     call self%count_step(self%tried, h)
     call self%norm%watch(q)
@@ -177,10 +177,9 @@ contains
       call give_up(self, trouble_shape)
       return
     end if
-    do k = max(1, self%next_stop - 1), min(self%next_stop + 1, size(self%settings%stops))
-      if (.not. self%settings%jumps(k) .or. abs(self%settings%stops(k) - self%t) > 1.0e-9_wp*h) cycle
-      call start_again(self, system, ok)
-    end do
+    if (at_stop(self)) then
+      if (self%settings%jumps(self%next_stop)) call start_again(self, system, ok)
+    end if
   end subroutine end_step
 
   !> Ends the run: the solution is lost in the step that was tried.
@@ -198,14 +197,32 @@ contains
     real(wp), intent(in) :: to                !! [s]
     real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
     logical, intent(out) :: ok
+    real(wp) :: rest                          ! of a fixed step that joins the next one [s]
+    integer :: first                          ! unknown that the derivative alone moves over it
     ok = .true.
+    rest = 0.0_wp
+    if (.not. self%settings%adaptive) rest = to - self%t
     self%tried = to
-    if (self%output_due) call self%try_step(system, to - self%t, ok)  ! what is left to the output time
-    call self%pack_state(self%output_due .and. ok, y)
-    if (self%t > to) call self%interpolate(to, y)
+    first = 1
+    call self%pack_state(.false., y)
+    if (abs(rest) > same_length*self%settings%step) then
+      call self%try_step(system, rest, ok)
+      if (ok) call self%pack_state(.true., y)
+      select type (system)
+      class is (second_order_ode)
+        first = size(y) - system%quadratures + 1
+      end select
+    end if
+    if (self%t > to .and. self%settings%adaptive) call self%interpolate(to, y)
     ok = ok .and. is_bounded(y)
     if (ok) call system%evaluate_on_manifold(to, y, .true., self%trial, ok)
-    if (.not. ok) call self%keep_lost_state(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
+    if (.not. ok) then
+      call self%keep_lost_state(to, y, merge(trouble_manifold, trouble_size, is_bounded(y)))
+      return
+    end if
+    if (.not. abs(rest) > 0.0_wp) return
+    y(first:) = y(first:) + rest*self%trial(first:)
+    if (first == 1) call system%derivative(to, y, .true., self%trial)
   end subroutine output_state
 
   !> The state y at a time within the last step, from that at its end; fixed steps end at the times of rows.

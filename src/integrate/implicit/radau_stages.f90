@@ -44,6 +44,7 @@ module radau_stages
     type(inner_values) :: inner
     real(wp) :: t = 0.0_wp, h = 0.0_wp       !! start and size of the step [s]
     real(wp), allocatable :: q0(:), v0(:), a0(:)         !! (nq) state at its start [m, rad], rates, accelerations
+    real(wp), allocatable :: powers0(:)      !! (quadratures) there [W]
     real(wp), allocatable :: q(:, :), v(:, :), a(:, :)   !! (nq, 3) [m, rad], rates, accelerations
     real(wp), allocatable :: u(:, :)         !! (nq, 3) V - v [m/s, rad/s]
     real(wp), allocatable :: lambda(:, :)    !! (rows, 3) [N]
@@ -84,7 +85,8 @@ contains
     self%rows = system%rows
     associate (nq => self%nq, nz => self%nz, rows => self%rows)
       allocate (self%q0(nq), self%v0(nq), self%a0(nq), self%q(nq, 3), self%v(nq, 3), self%a(nq, 3), self%u(nq, 3), &
-                self%lambda(rows, 3), self%last_v(nq, 0:3), self%last_lambda(rows, 3), source=0.0_wp)
+                self%lambda(rows, 3), self%last_v(nq, 0:3), self%last_lambda(rows, 3), self%powers0(system%quadratures), &
+                source=0.0_wp)
       associate (n => self%inner)
         allocate (n%z0(nz), n%zd0(nz), n%delta0(nz), n%z(nz, 3), n%zd(nz, 3), n%dz(nz, 3), n%u(nz, 3), n%delta(nz, 3), &
                   n%gain(nz, 3, 3), n%start(nz, 3), n%real_gain(nz), n%rate_gap(nz), n%driving(nz), source=0.0_wp)
@@ -108,8 +110,8 @@ contains
     type(radau_stage_values), intent(inout) :: self
     class(second_order_ode), intent(inout) :: system
     real(wp), intent(in) :: t                !! [s]
-    real(wp) :: powers(system%quadratures), a(self%nq + self%nz)
-    call system%accelerations(t, self%q0, self%v0, self%inner%z0, self%inner%zd0, a, self%last_lambda(:, 3), powers)
+    real(wp) :: a(self%nq + self%nz)         ! [m/s2, rad/s2]
+    call system%accelerations(t, self%q0, self%v0, self%inner%z0, self%inner%zd0, a, self%last_lambda(:, 3), self%powers0)
     self%residuals = self%residuals + 1
     self%a0 = a(1:self%nq)
     self%last_h = 0.0_wp
@@ -420,6 +422,7 @@ contains
     type(value_archive), intent(inout) :: a
     call a%exchange(self%last_h, self%iterations, self%residuals, self%renewals, self%eta, self%full_block_left)
     call a%exchange(self%q0, self%v0, self%a0, self%inner%z0)
+    call a%exchange(self%powers0)
     call a%exchange(self%inner%zd0)
     call a%exchange(self%last_v)
     call a%exchange(self%last_lambda)

@@ -37,7 +37,7 @@ module radau_stepper
     real(wp), allocatable :: dense(:, :)      !! (n, 4) start and stages of the last step [unit of each unknown]
     real(wp) :: dense_times(2) = 0.0_wp       !! where that step began, its size [s]
     real(wp), allocatable :: end_a(:, :)      !! (nq, 2) accelerations at the last step's ends [m/s2, rad/s2]
-    real(wp), allocatable :: powers(:, :)     !! (quadratures, 3) work: those of the stages [W]
+    real(wp), allocatable :: powers(:, :)     !! (quadratures, 0:3) of the last step's start and stages [W]
   contains
     procedure :: set_up
     procedure :: attempt
@@ -59,7 +59,8 @@ contains
     class(second_order_ode), intent(inout) :: system
     call system%start_implicit(.true.)
     call set_up_stages(self%stages, system, radau_iia())
-    allocate (self%end_a(system%nq, 2), self%powers(system%quadratures, 3), self%dense(size(self%y), 4), source=0.0_wp)
+    allocate (self%end_a(system%nq, 2), self%powers(system%quadratures, 0:3), self%dense(size(self%y), 4), &
+              source=0.0_wp)
   end subroutine set_up
 
   !> Tries the next step and accepts it, or passes an event.
@@ -236,6 +237,7 @@ contains
     integer :: i, k, n
     n = size(self%y) - system%quadratures
     associate (s => self%stages)
+      self%powers(:, 0) = s%powers0
       do i = 1, 3
         call system%powers(s%t + s%method%c(i)*h, s%q(:, i), s%v(:, i), s%lambda(:, i), s%inner%z(:, i), s%inner%zd(:, i), &
                                  self%powers(:, i))
@@ -245,9 +247,10 @@ contains
       do i = 1, 3
         call pack_stage(self, i, self%dense(:, i + 1))
         do k = 1, system%quadratures
-          self%dense(n + k, i + 1) = self%y(n + k) + h*dot_product(self%powers(k, :), s%method%a(i, :))
+          self%dense(n + k, i + 1) = self%y(n + k) + h*dot_product(self%powers(k, 1:), s%method%a(i, :))
         end do
       end do
+      s%powers0 = self%powers(:, 3)
       self%removed = self%removed + removed_energy(s, system)
       self%end_a(:, 1) = s%a0
       s%last_v(:, 0) = s%v0
@@ -293,17 +296,21 @@ contains
   end subroutine close_gaps
 
   !> Rates and positions within a step are those of the polynomial of degree 5 that has both ends' positions, rates and
-  !> accelerations. All else is that of degree 3 of the stages. So are coordinates that stay below the tolerance: where they are
-  !> stiff, their accelerations are noise.
+  !> accelerations. Energies are integrals of the powers' polynomial through the start and the stages. All else is that of degree 3 of
+  !> the stages. So are coordinates that stay below the tolerance: where they are stiff, their accelerations are noise.
   subroutine interpolate(self, time, y)
     class(radau_march), intent(in) :: self
     real(wp), intent(in) :: time              !! [s]
     real(wp), intent(inout) :: y(:)           !! (n) [unit of each unknown]
+    real(wp), parameter :: gauss(2) = 0.5_wp*(1 + [-1, 1]/sqrt(3.0_wp))   ! exact for degree 3 [-]
     real(wp) :: s, x(3), d(3)
-    integer :: i
-    associate (h => self%dense_times(2), nq => self%stages%nq)
+    integer :: i, first
+    associate (h => self%dense_times(2), nq => self%stages%nq, nodes => [0.0_wp, self%stages%method%c])
       s = (time - self%dense_times(1))/h
-      y = matmul(self%dense, lagrange_weights([0.0_wp, self%stages%method%c], s))
+      y = matmul(self%dense, lagrange_weights(nodes, s))
+      first = size(y) - size(self%powers, 1) + 1
+      y(first:) = self%dense(first:, 1) + 0.5_wp*s*h* &
+                  matmul(self%powers, lagrange_weights(nodes, s*gauss(1)) + lagrange_weights(nodes, s*gauss(2)))
       do i = 1, nq                            ! q + s h v + s2/2 h2 a + s3 (x1 + x2 s + x3 s2) with the three values at the end
         if (self%norm%largest(self%norm%group(i)) < self%norm%floor(self%norm%group(i))) cycle
         associate (q => self%dense(i, 1), v => h*self%dense(nq + i, 1), a => h**2*self%end_a(i, 1))
@@ -341,6 +348,7 @@ contains
     call a%exchange(self%h, self%memory%worst, self%memory%steps)
     call a%exchange(self%dense_times)
     call a%exchange(self%end_a)
+    call a%exchange(self%powers)
     call a%exchange(self%dense)
     call exchange_stages(self%stages, a)
   end subroutine exchange

@@ -66,7 +66,7 @@ contains
       last = ceiling((until - minval(self%breaks%time))/self%period, ip)
     end if
     list = [((breakpoint(self%breaks(i)%time + k*self%period, self%breaks(i)%order), i=1, size(self%breaks)), k=first, last)]
-    list = pack(list, list%time > 0.0_wp .and. list%time < until)
+    list = pack(list, list%time > rounding_of(self%period) .and. list%time < until)   ! one at 0 acts from the start
   end function repeated_breaks
 
   !> The lowest derivative that jumps anywhere.
@@ -166,11 +166,12 @@ contains
 
   !> The interval in which a time lies, and how far into it; 0: before the first, size(begins): after the last one. Of a period it
   !> is one of those within, whatever rounding says.
-  pure subroutine locate(begins, period, t, shift, turn, i, x)
+  pure subroutine locate(begins, period, t, left_limit, shift, turn, i, x)
     real(wp), intent(in) :: begins(:)   !! of the intervals, and the end of the last [s]
     real(wp), intent(in) :: period      !! 0: never [s]
     real(wp), intent(in) :: t           !! [s]
-    real(wp), intent(in) :: shift       !! added where the interval is chosen: to see a breakpoint from one side [s]
+    logical, intent(in) :: left_limit   !! an interval that begins at t does not count yet
+    real(wp), intent(out) :: shift      !! rounding of times, towards that side: added where the interval is chosen [s]
     integer(ip), intent(out) :: turn    !! periods before
     integer, intent(out) :: i
     real(wp), intent(out) :: x          !! time since it began [s]
@@ -178,6 +179,7 @@ contains
     turn = 0
     i = 0
     j = size(begins) + 1
+    shift = merge(-1, 1, left_limit)*rounding_of(max(abs(t), merge(period + begins(1), 0.0_wp, period > 0.0_wp)))
     if (period > 0.0_wp) then
       turn = floor((t + shift - begins(1))/period, ip)
       i = 1

@@ -2,7 +2,6 @@
 module sequence_history
   use kinds, only: wp, ip
   use history, only: history_model, history_box, breakpoint, breakpoint_order, locate, merged
-  use step_counts, only: rounding_of
   implicit none (type, external)
   private
 
@@ -30,15 +29,17 @@ contains
     type(breakpoint), allocatable :: list(:)
     integer :: k, n
     n = size(durations)
-    allocate (self%begins(n + 1), self%area(n + 1))
-    self%begins(1) = start
-    if (periodic) self%period = sum(durations)
-    if (periodic) self%begins(1) = modulo(start, self%period)   ! in the first turn: later ones keep their digits
+    allocate (self%area(n + 1))
+    self%begins = running_sum(start, durations)
+    if (periodic) then
+      self%begins = running_sum(0.0_wp, durations)
+      self%period = self%begins(n + 1)
+      self%begins = running_sum(modulo(start, self%period), durations)   ! in the first turn: later ones keep their digits
+    end if
     self%area(n + 1) = 0.0_wp
     size_of = 0.0_wp
     do k = 1, n
       associate (part => self%parts(k)%item)
-        self%begins(k + 1) = self%begins(k) + durations(k)
         call part%evaluate(0.0_wp, .false., after(:, k))
         call part%evaluate(0.5_wp*durations(k), .false., middle)
         call part%evaluate(durations(k), .true., before(:, k + 1))
@@ -64,6 +65,25 @@ contains
     end do
   end subroutine set_sequence
 
+  !> Sums of the first terms, each but once rounded (Knuth's exact sum of two).
+  pure function running_sum(first, terms) result(sums)
+    real(wp), intent(in) :: first            !! [s]
+    real(wp), intent(in) :: terms(:)         !! [s]
+    real(wp) :: sums(size(terms) + 1)        ! [s]
+    real(wp) :: rounded, before, lost, added   ! sum, the last one, what it has lost, what of a term has been added [s]
+    integer :: k
+    rounded = first
+    lost = 0.0_wp
+    sums(1) = first
+    do k = 1, size(terms)
+      before = rounded
+      rounded = before + terms(k)
+      added = rounded - before
+      lost = lost + ((before - (rounded - added)) + (terms(k) - added))
+      sums(k + 1) = rounded + lost
+    end do
+  end function running_sum
+
   !> Those of the part that counts, its antiderivative moved to where the part before ends. The part's own time is a difference of
   !> two, and may lie on the wrong side of a breakpoint: the part is evaluated a little beside and taken back by its slopes.
   pure recursive subroutine sequence_value(self, t, left_limit, h)
@@ -74,8 +94,7 @@ contains
     real(wp) :: x, shift                ! [s]
     integer(ip) :: turn
     integer :: k
-    shift = merge(-1, 1, left_limit)*rounding_of(t)
-    call locate(self%begins, self%period, t, shift, turn, k, x)
+    call locate(self%begins, self%period, t, left_limit, shift, turn, k, x)
     if (k < 1) then
       h = self%outside(1)*[x, 1.0_wp, 0.0_wp, 0.0_wp]
     else if (k > size(self%parts)) then

@@ -2,7 +2,6 @@
 module table_history
   use kinds, only: wp, ip
   use history, only: history_model, breakpoint, breakpoint_order, locate
-  use step_counts, only: rounding_of
   implicit none (type, external)
   private
 
@@ -65,10 +64,10 @@ contains
     real(wp), intent(in) :: t           !! [s]
     logical, intent(in) :: left_limit   !! limit from below
     real(wp), intent(out) :: h(-1:2)    !! [unit s, unit, unit/s, unit/s2]
-    real(wp) :: x
+    real(wp) :: x, shift                ! [s]
     integer(ip) :: turn
     integer :: i
-    call locate(self%t, self%period, t, merge(-1, 1, left_limit)*rounding_of(t), turn, i, x)
+    call locate(self%t, self%period, t, left_limit, shift, turn, i, x)
     h = piece(self%c(:, i), x)
     h(-1) = h(-1) + self%area(max(1, i)) + turn*self%area(size(self%area))
   end subroutine table_value
