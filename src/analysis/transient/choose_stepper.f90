@@ -65,8 +65,8 @@ contains
 
   !> Times that end a step: the breakpoints of histories of loads, drives and controllers, and the end of the run; and whether
   !> accelerations jump there. Orders of breakpoints are those of accelerations. Fixed steps end at breakpoints that lower the
-  !> method's order; steps by the error also at those that disturb its estimate. Where an error is asked for, fixed steps end at all,
-  !> so that no load lies unseen between the stages of all passes.
+  !> method's order; steps by the error also at those that disturb its estimate. Where an error is asked for, fixed steps end at
+  !> all, so that no load lies unseen between the stages of all passes.
   subroutine step_ends(r, s, ends, jumps)
     type(transient_record), intent(in) :: r
     type(scene), intent(in) :: s

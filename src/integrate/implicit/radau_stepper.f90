@@ -296,8 +296,8 @@ contains
   end subroutine close_gaps
 
   !> Rates and positions within a step are those of the polynomial of degree 5 that has both ends' positions, rates and
-  !> accelerations. Energies are integrals of the powers' polynomial through the start and the stages. All else is that of degree 3 of
-  !> the stages. So are coordinates that stay below the tolerance: where they are stiff, their accelerations are noise.
+  !> accelerations. Energies are integrals of the powers' polynomial through the start and the stages. All else is that of degree 3
+  !> of the stages. So are coordinates that stay below the tolerance: where they are stiff, their accelerations are noise.
   subroutine interpolate(self, time, y)
     class(radau_march), intent(in) :: self
     real(wp), intent(in) :: time              !! [s]
