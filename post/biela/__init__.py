@@ -5,7 +5,7 @@ import importlib
 _NAMES = {
     "histories": "History read read_summary",
     "result_files": "BielaError HistoryError",
-    "session": "Result SolverError fit identify modes optimise report run sensitivity spectrum sweep tradeoff",
+    "session": "Result SolverError fit identify modes optimise report ring_down run sensitivity spectrum sweep tradeoff",
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names.split()}
 __all__ = list(_MODULES)

@@ -183,7 +183,7 @@ def spectrum(p: Parser) -> None:
         spectrum.py results/four_bar --columns 'tip.*'                  amplitudes and power spectral density (Welch)
         spectrum.py results/run_up --columns tip.v --waterfall --speed crank.v      against the speed of a drive (else: time)
         spectrum.py results/engine --columns 'main.f?' --orders crank --turns -1 -1    orders of the last whole turn, exact
-        spectrum.py results/ring_down --columns tip.v --decay           envelope, logarithmic decrement, damping ratio
+        spectrum.py results/ring_down --columns tip.v --decay           vibrations that decay, each with its damping
         spectrum.py results/engine --columns shank.s --life 120e6 2e6 5 rainflow cycles and damage
 
     Rows at uneven times are interpolated to as many even ones. Mean and trend are removed first. Peaks are marked
@@ -195,7 +195,7 @@ def spectrum(p: Parser) -> None:
     kind = p.add_mutually_exclusive_group()
     kind.add_argument("--waterfall", action="store_true", help="amplitudes against time or --speed (one column)")
     kind.add_argument("--orders", metavar="ANGLE", help="column of a drive's angle [rad]: orders of its rotation")
-    kind.add_argument("--decay", action="store_true", help="envelope, logarithmic decrement, damping ratio")
+    kind.add_argument("--decay", action="store_true", help="vibrations that decay: frequency, damping ratio, share of each")
     kind.add_argument("--rainflow", action="store_true", help="cycles by their ranges (ASTM E1049)")
     life = "with cycles and damage: S is the amplitude borne N times, others by Basquin's line of exponent K"
     kind.add_argument("--life", nargs=3, type=positive, metavar=("S", "N", "K"), help=life)

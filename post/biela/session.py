@@ -21,6 +21,7 @@ from .sweep_study import StudyOptions
 if TYPE_CHECKING:
     import pandas
 
+    from .decays import RingDown
     from .fit_material import MaterialFit
     from .identify_work import Identified
     from .mode_pictures import Modes
@@ -223,6 +224,19 @@ def spectrum(
 
     table = run.history if isinstance(run, Result) else run if isinstance(run, History) else read(run)
     return take(table.between(start, end), [columns] if isinstance(columns, str) else columns, **options)
+
+
+def ring_down(run: str | Path | Result | History, column: str, start: float = -math.inf, end: float = math.inf) -> RingDown:
+    """Find the decaying vibrations of a column of a result, a history, or a results folder, from start to end [s].
+
+    Returned: `vibrations`, the largest share first, each with `frequency` [Hz], `damping_ratio` [-], `rate` [1/s], their errors
+    (half of the 95 % interval), `share` [-] and `resolved`; `to_dataframe()`.
+    """
+    from .decays import ring_down as find
+
+    table = run.history if isinstance(run, Result) else run if isinstance(run, History) else read(run)
+    table = table.between(start, end)
+    return find(table.time, table[column])
 
 
 def modes(run: str | Path | Result) -> Modes:

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from . import fatigue, labels
+from .decays import LEAST_ROWS, even_samples, ring_down
 from .figures import Tabular
 from .histories import History, read
 from .picture_files import save, subplots
@@ -20,26 +21,11 @@ from .result_files import HistoryError
 from .sweep_scalars import orders as orders_of
 from .sweep_scalars import spectral_line
 
-LEAST_ROWS = 16  # rows that a spectrum needs
 LEAST_PERIODS = 2  # periods in the run that a peak needs: below, within the window's main lobe, stands what drifts
 RESOLVED = 1.0 - 0.5**0.5  # share of its height by which a peak rises above the valley to a higher one: 3 dB; else a shoulder
 VISIBLE = 1.0e-3  # share of the largest amplitude below which a frequency does not extend the axis
 SMALL = 0.05  # share of the largest peak below which amplitudes are drawn logarithmically
 LEAST_ORDER = 1.0e-4  # share of the largest amplitude below which an order is not named
-EVEN = 1.0e-6  # unevenness of steps that is rounding [-]
-
-
-def even_samples(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return evenly spaced samples: the rows themselves, or as many from a cubic spline; HistoryError where they are too few."""
-    if axis.size < LEAST_ROWS:
-        raise HistoryError(f"{axis.size} rows: {LEAST_ROWS} or more are needed for a spectrum")
-    steps = np.diff(axis)
-    if np.ptp(steps) <= EVEN * steps.max():
-        return axis, values
-    from scipy.interpolate import make_interp_spline
-
-    even = np.linspace(axis[0], axis[-1], axis.size)
-    return even, make_interp_spline(axis, values, k=3)(even)
 
 
 def hann(size: int) -> np.ndarray:
@@ -82,32 +68,6 @@ def waterfall(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     how = dict(NFFT=length, window=hann(length), noverlap=length - max(1, length // 8), detrend="linear", mode="magnitude")
     size, frequency, times = mlab.specgram(values, Fs=1.0 / (axis[1] - axis[0]), **how)
     return frequency, axis[0] + times, 2.0 * size
-
-
-def turning_points(values: np.ndarray, least: float) -> np.ndarray:
-    """Return the rows at which values turn by at least so much, both ends left out."""
-    found = [0]
-    for k in [*np.flatnonzero(np.diff(np.sign(np.diff(values)))) + 1, values.size - 1]:
-        if len(found) > 1 and (values[k] - values[found[-1]]) * (values[found[-1]] - values[found[-2]]) >= 0.0:
-            found[-1] = k  # on the same way
-        elif abs(values[k] - values[found[-1]]) >= least:
-            found.append(k)
-    return np.array(found[1:-1], dtype=int)
-
-
-def decay(axis: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-    """Return rows of turning points; decrement, rate [1/s], frequency [Hz], damping ratio, size at 0 of half the swings."""
-    turns = turning_points(values, 1.0e-3 * np.ptp(values))
-    if turns.size < 5:
-        raise HistoryError(f"{turns.size} turning points, five or more are needed for a decay")
-    middle, half = 0.5 * (axis[turns[1:]] + axis[turns[:-1]]), 0.5 * np.abs(np.diff(values[turns]))
-    slope, start = np.polyfit(middle, np.log(half), 1)
-    period = 2.0 * (axis[turns[-1]] - axis[turns[0]]) / (turns.size - 1)
-    decrement = -slope * period
-    found = {"decrement": decrement, "rate": -slope, "frequency": 1.0 / period}
-    found["damping_ratio"] = decrement / np.hypot(decrement, 2.0 * np.pi)
-    found["start"] = float(np.exp(start)) / np.cosh(0.25 * decrement)  # the envelope between two turning points
-    return turns, found
 
 
 def last_visible(size: np.ndarray) -> int:
@@ -276,31 +236,25 @@ def draw_waterfall(run: History, name: str, speed: str | None) -> Figure:
     return figure
 
 
-def draw_decay(run: History, names: list[str]) -> Figure:
-    """Return a figure of columns with the envelope of their decay, and print decrement and damping ratio."""
+def draw_decay(run: History, names: list[str]) -> tuple[Figure, list[str]]:
+    """Return a figure of columns with the vibrations that decay in them, the envelope of the largest, and them in words."""
+    told = []
     with mpl.rc_context(LOOK):
-        figure, axes = subplots(len(names), 1, figsize=(8.0, 0.8 + 2.6 * len(names)), squeeze=False)
+        figure, axes = subplots(len(names), 1, figsize=(8.0, 0.8 + 3.0 * len(names)), squeeze=False)
         for axis, name in zip(axes[:, 0], names):
-            time, values = even_samples(run.time, run[name])
-            turns, found = decay(time, values)
-            axis.plot(run.time, run[name], color=COLOURS[0], linewidth=0.8)
-            at, when = values[turns], time[turns]
-            side = np.sign(at - np.append(at[1:], at[-2]))
-            about = at - side * found["start"] * np.exp(-found["rate"] * when)  # what it swings about: the envelope meets crests
-            inner = time[turns[0] : turns[-1] + 1]
-            about = np.interp(inner, when, about)
-            envelope = found["start"] * np.exp(-found["rate"] * inner)
-            axis.plot(inner, about + envelope, linestyle=STYLES[1], color=COLOURS[1], label="fitted envelope")
-            axis.plot(inner, about - envelope, linestyle=STYLES[1], color=COLOURS[1])
-            axis.plot(time[turns], values[turns], ".", color="black", markersize=3, label="turning points")
+            found = ring_down(run.time, run[name])
+            inner = np.linspace(found.start, found.end, max(2000, run.time.size))
+            envelope = found.envelope(inner)
+            axis.plot(run.time, run[name], color=COLOURS[0], linewidth=0.8, label="rows")
+            axis.plot(inner, found.level(inner) + envelope, linestyle=STYLES[1], color=COLOURS[1], label="envelope of the largest")
+            axis.plot(inner, found.level(inner) - envelope, linestyle=STYLES[1], color=COLOURS[1])
             axis.set_ylabel(axis_label(name, run.units[name]))
             axis.legend(loc="upper right")
-            words = f"{name}: {found['frequency']:.4g} Hz, logarithmic decrement {found['decrement']:.4g}, "
-            words += f"damping ratio {found['damping_ratio']:.4g}, decay {found['rate']:.4g} 1/s"
-            axis.set_title(words, fontsize=9)
-            print(words)
+            words = [f"{name}: {found.words(k)}" for k in range(len(found.vibrations))]
+            axis.set_title("\n".join(words), fontsize=8)
+            told += words
         axes[-1, 0].set_xlabel("t [s]")
-    return figure
+    return figure, told
 
 
 def work(args: argparse.Namespace) -> int:
@@ -319,7 +273,8 @@ def work(args: argparse.Namespace) -> int:
         figure, words = fatigue.picture(run, names, args.life and tuple(args.life))
         print("\n".join(words))
     elif args.decay:
-        figure = draw_decay(run, names)
+        figure, words = draw_decay(run, names)
+        print("\n".join(words))
     else:
         found = spectrum(run, names, args.orders, args.peaks, args.turns and tuple(args.turns), args.reference)
         for line in found.lines:

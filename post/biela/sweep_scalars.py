@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from . import fatigue
+from .decays import KNOWN, ring_down
 from .histories import History, read, read_summary
 from .result_files import RESULT_FILES, HistoryError
 
@@ -264,13 +265,13 @@ def orders(turned: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def decay_rate(time: np.ndarray, values: np.ndarray) -> float:
-    """Return the rate at which peaks about the mean decay: minus the slope of their sizes' logarithm [1/s]; NaN: below three."""
-    size = np.abs(values - values.mean())
-    inner = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:])) + 1
-    inner = inner[size[inner] > 0.0]
-    if inner.size < 3:
+    """Return the decay of the largest vibration [1/s]; NaN: none, or not known to a tenth, nor is what the run loses by it."""
+    try:
+        one = ring_down(time, values).vibrations[0]
+    except HistoryError:
         return np.nan
-    return float(-np.polyfit(time[inner], np.log(size[inner]), 1)[0])
+    known = one.resolved or one.rate_error * np.ptp(time) <= KNOWN
+    return one.rate if known else np.nan
 
 
 def settling_time(time: np.ndarray, values: np.ndarray, target: float | None, within: float) -> float:
