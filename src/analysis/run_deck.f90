@@ -8,6 +8,7 @@ module run_deck
   use errors, only: failure, fault_list, status_ok, status_failed, status_bad_input, status_no_output
   use left_out_flexibility, only: flexibility_lines
   use loop_analysis, only: warn_of_loops
+  use mass_damping, only: warn_of_mass_damping
   use modal_analysis, only: run_modal
   use model_choice, only: begin_model, choose_model
   use posix, only: make_folder, lock_file, close_lock, hold_signals, write_bytes, standard_error, standard_output, tell
@@ -112,6 +113,7 @@ contains
     call advise_stops(run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), text)
     call advise_pairs(run%d, run%sys%m, text)
     call warn_of_loops(run, text)
+    call warn_of_mass_damping(run, text)
     if (refused) then
       written = write_bytes(standard_error, readable(advice%text%words%all()))
       return

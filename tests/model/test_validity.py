@@ -233,3 +233,80 @@ def test_frequencies_outside_the_band_of_a_material(run_deck):
         assert run.stderr.count('warning: the elastic motion of body "b"') == moves, band
         assert (SILENT in run.summary) == (not moves), band
         assert run.stderr.count('outside the band of material "m"') == bool(modes) + bool(points) + moves
+
+
+def held_beam(reference: str, joint: str) -> str:
+    """Return a beam of six elements damped in proportion to mass, with three modes wanted."""
+    return (
+        "&material name='m' density=2000.0 young=3.0e9 rayleigh_mass=20.0 /\n"
+        "&section name='s' shape='rectangle' width=0.02 height=0.01 /\n"
+        f"&body name='b' kind='beam' length=0.5 elements=6 material='m' section='s' {reference} /\n"
+        f"{joint}&modal modes=6 /\n"
+    )
+
+
+def damped_as_moved(run) -> bool:
+    """Return whether the first three modes that bend have the damping ratio alpha/(2 omega)."""
+    rows = [line.split() for line in (run.folder / "modes.txt").read_text("utf-8").splitlines() if line[:1] not in "#"]
+    figures = np.array([row[:7] for row in rows if int(float(row[2])) == 1], float)
+    expected = 20.0 / (2 * 2 * np.pi * figures[:3, 3])
+    return len(figures) >= 3 and np.allclose(figures[:3, 5], expected, rtol=0.1)
+
+
+PIN = "&joint name='p' type='revolute' body_a='b' node_a=1 /\n"
+PIN += "&joint name='r' type='slider' body_a='b' node_a=-1 point_b=0.5,0.0 /\n"
+
+
+@pytest.mark.parametrize(
+    ("reference", "joint"),
+    [
+        ("", "&joint name='w' type='weld' body_a='b' node_a=1 /\n"),
+        ("modes=6", "&joint name='w' type='weld' body_a='b' node_a=1 /\n"),
+        ("reference='clamped'", "&joint name='w' type='weld' body_a='b' node_a=-1 point_b=0.5,0.0 /\n"),
+        ("reference='free' modes=6", "&joint name='w' type='weld' body_a='b' node_a=3 /\n"),
+        ("reference='clamped'", PIN),
+        ("reference='clamped' modes=6", ""),
+    ],
+)
+def test_damping_by_mass_is_that_of_the_held_body_or_told(run_deck, reference, joint):
+    """The reference that a warning names gives alpha/(2 omega), and is not warned of; the one that the deck has does not."""
+    run = run_deck(held_beam(reference, joint))
+    told_ratios = re.search(
+        r"its mode of (\S+) Hz has the damping ratio (\S+) of it, alpha/\(2 omega\) is (\S+); (reference\S*( reference_dof=\S+)?)",
+        run.stderr,
+    )
+    assert told_ratios
+    assert not damped_as_moved(run)
+    assert float(told_ratios[3]) == pytest.approx(20.0 / (4 * np.pi * float(told_ratios[1])), rel=1e-4)
+    modes = " modes=6" if "modes" in reference else ""
+    better = run_deck(held_beam(told_ratios[4] + modes, joint), name="better")
+    assert "rayleigh_mass" not in better.stderr
+    assert damped_as_moved(better)
+
+
+def test_damping_by_mass_of_a_welded_cantilever_has_the_share_of_its_shape(run_deck):
+    """Against a frame through both ends, 1.4 % of the first shape's square are left besides its chord: 0.0117 for 0.201."""
+    x = np.linspace(0.0, 1.0, 20001)
+    k = 1.87510406871196
+    c = (np.cosh(k) + np.cos(k)) / (np.sinh(k) + np.sin(k))
+    shape = np.cosh(k * x) - np.cos(k * x) - c * (np.sinh(k * x) - np.sin(k * x))
+    share = np.trapezoid((shape - shape[-1] * x) ** 2, x) / np.trapezoid(shape**2, x)
+    run = run_deck(held_beam("", "&joint name='w' type='weld' body_a='b' node_a=1 /\n"))
+    found = re.search(r"damping ratio (\S+) of it, alpha/\(2 omega\) is (\S+);", run.stderr)
+    assert float(found[1]) / float(found[2]) == pytest.approx(share, rel=2e-3)
+
+
+def test_welded_pieces_are_damped_as_one_body(run_deck):
+    """Each frame follows its piece: what is left of the damping falls with the number of pieces, and no reference helps."""
+    half = "kind='beam' length=0.25 elements=4 material='m' section='s' reference='clamped'"
+    run = run_deck(
+        "&material name='m' density=2000.0 young=3.0e9 rayleigh_mass=20.0 /\n"
+        "&section name='s' shape='rectangle' width=0.02 height=0.01 /\n"
+        f"&body name='a' {half} /\n&body name='b' {half} position=0.25,0.0 /\n"
+        "&joint name='w' type='weld' body_a='a' node_a=1 /\n"
+        "&joint name='v' type='weld' body_a='a' node_a=-1 body_b='b' node_b=1 /\n&modal modes=3 /\n"
+    )
+    found = re.search(r'body "a" \(welded to 1 more\).* Hz has the damping ratio (\S+) of it, .* no reference agrees', run.stderr)
+    rows = [line.split() for line in (run.folder / "modes.txt").read_text("utf-8").splitlines() if line[:1] not in "#"]
+    ratio = [float(row[5]) for row in rows if int(float(row[2])) == 1]
+    assert float(found[1]) == pytest.approx(ratio[0], rel=0.02)

@@ -22,7 +22,7 @@ module linearisation
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: linearise, marker_jacobian, rate_jacobian
+  public :: joint_rows_matrix, linearise, marker_jacobian, rate_jacobian
 
 contains
 
@@ -41,7 +41,7 @@ contains
     lin%rows = m%s%rows
     call count_segments(m, lin)
     call marker_terms(m, ev, v, lambda, action, lin)
-    call constraint_rows_matrix(m, ev, lin)
+    call constraint_rows_matrix(m, ev, size(m%s%constraints), lin%jacobian)
     call find_wrenches(m, ev, lambda, action, wrench)
     allocate (eq(size(m%s%bodies)))
     do b = 1, size(eq)
@@ -108,16 +108,25 @@ contains
     end associate
   end subroutine marker_jacobian
 
-  !> Rows of Phi_q.
-  subroutine constraint_rows_matrix(m, ev, lin)
+  !> Rows of Phi_q of joints and drives alone.
+  subroutine joint_rows_matrix(m, ev, jacobian)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
-    type(linear_mechanism), intent(inout) :: lin
+    type(triplet_matrix), intent(inout) :: jacobian    !! (rows, nq) [-], [m]
+    call constraint_rows_matrix(m, ev, m%s%permanent, jacobian)
+  end subroutine joint_rows_matrix
+
+  !> Rows of Phi_q of the first constraints.
+  subroutine constraint_rows_matrix(m, ev, last, jacobian)
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    integer, intent(in) :: last                        !! of these constraints
+    type(triplet_matrix), intent(inout) :: jacobian    !! (rows, nq) [-], [m]
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :)
     real(wp) :: w(3)
     integer :: k, i, side, marker, j
-    do k = 1, size(m%s%constraints)
+    do k = 1, last
       associate (c => m%s%constraints(k)%item)
         do side = 1, merge(3, 2, c%ic > 0)
           marker = merge(c%ic, merge(c%ia, c%ib, side == 1), side == 3)
@@ -126,7 +135,7 @@ contains
             w = merge([ev%rows%na(:, i), ev%rows%sa(i)], [ev%rows%nb(:, i), ev%rows%sb(i)], side == 1)
             if (side == 3) w = [0.0_wp, 0.0_wp, ev%rows%sc(i)]
             do j = 1, size(cols)
-              call lin%jacobian%add(i, cols(j), dot_product(w, jac(:, j)))
+              call jacobian%add(i, cols(j), dot_product(w, jac(:, j)))
             end do
           end do
         end do
