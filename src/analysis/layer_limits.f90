@@ -22,26 +22,30 @@ contains
     real(wp) :: height, soft, across                 ! largest of all sections; a loss errs by 4 height**2, by across**2 [-]
     real(wp) :: half, x(3)                           ! half a wave [m]
     integer :: e
-    logical :: bonded
+    logical :: bonded, alone                         ! the highest section has no cores; it is one layer
     text = ''
     if (.not. (omega > 0.0_wp .and. omega < huge(1.0_wp))) return
     height = 0.0_wp
     soft = 0.0_wp
     across = 0.0_wp
     bonded = .false.
+    alone = .false.
     do e = 1, body%ne
       associate (s => body%layers%sections(body%layers%kinds(body%layers%kind(e))%section))
         half = pi/sqrt(omega*sqrt(sum(s%layers%density*s%layers%area)/s%bending))
         if (s%cores > 0) half = min(half, covered_span(body, e))
         x = figures(body, s, half, omega)
         if (x(1) > height) bonded = s%cores == 0
+        if (x(1) > height) alone = size(s%layers) == 1
         height = max(height, x(1))
         soft = max(soft, x(2))
         across = max(across, x(3))
       end associate
     end do
-    if (4*height**2 > told) text = text//body_sentence(body, '', 'has bonded layers that together are as thick as', 100*height, &
-      '% of half a wave, or of a cover: beyond 5 % they shear, which is left out'//either(' (shear=.true. has it)', '', bonded))
+    if (4*height**2 > told) text = text//body_sentence(body, '', either('has a section that is', &
+      'has bonded layers that together are', alone)//' as thick as', 100*height, '% of half a wave'// &
+      either('', ', or of a cover', alone)//': beyond 5 % '//either('it shears', 'they shear', alone)// &
+      ', which is left out'//either(' (shear=.true. has it)', '', bonded))
     if (soft > 1.0_wp) text = text//body_sentence(body, '', 'has a bonded layer whose modulus, over that of another '// &
       'one, is', 1/soft, 'of (thickness over half a wave) squared: below 1 it shears and gives way across, and no theory of '// &
       'beams tells its damping')

@@ -5,6 +5,7 @@ module linear_state
   use assembly_conflict, only: deck_line_of
   use assembly_reports, only: too_uneven, weakest_constraint, weakest_text
   use dynamic_stiffness, only: stiffness_system
+  use elastic_operators, only: add_product, mass_product
   use errors, only: failure
   use evaluation_settings, only: evaluation_options
   use force_element, only: element_action
@@ -18,10 +19,12 @@ module linear_state
   use mechanism_ode, only: mechanism_system
   use scene_run, only: run_state
   use summary_text, only: summary_record
+  use validity, only: validity_watch
   implicit none (type, external)
   private
   public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium, warn_of_motion, largest_acceleration
 
+  real(wp), parameter :: cancelled = 256*epsilon(1.0_wp)    !! what sums of elastic forces leave of zero [-]
   real(wp), parameter :: rounding = sqrt(epsilon(1.0_wp))   !! accelerations that are nothing beside those without joints [-]
 
 contains
@@ -62,15 +65,53 @@ contains
   pure logical function at_equilibrium(run) result(yes)
     type(run_state), intent(in) :: run
     associate (ev => run%sys%ev, nq => run%sys%m%s%nq)
-      yes = .not. (any(abs(run%y(nq + 1:2*nq)) > 0.0_wp) .or. maxval(abs(ev%a)) > rounding*largest_acceleration(run))
+      yes = .not. any(abs(run%y(nq + 1:2*nq)) > 0.0_wp)
+      if (yes .and. maxval(abs(ev%a)) > rounding*largest_acceleration(run)) yes = all_is_rounding(run)
     end associate
   end function at_equilibrium
 
-  !> Warns where the present state is at rest but no equilibrium: its stiffness lacks the forces that are not yet built up.
+  !> Whether the accelerations, by their forces on the masses, are no more than what rounding leaves of elastic forces.
+  pure logical function all_is_rounding(run) result(yes)
+    type(run_state), intent(in) :: run
+    real(wp) :: moving, noise                       ! squares over the masses [N2/kg]
+    real(wp), allocatable :: force(:), mass(:)      ! [N, N m], [kg, kg m2]
+    real(wp) :: a(2)                                ! [m/s2]
+    integer :: b, k
+    moving = 0.0_wp
+    noise = 0.0_wp
+    do b = 1, size(run%sys%m%s%bodies)
+      associate (body => run%sys%m%s%bodies(b), i => run%sys%m%s%qo(b), x => run%sys%ev%a)
+        a = run%sys%ev%frame%to_body(b, x(i + 1:i + 2))
+        moving = moving + body%mass*dot_product(a, a) + body%i11*x(i + 3)**2 + &
+                 2*x(i + 3)*(body%i1(1)*a(2) - body%i1(2)*a(1))
+        if (.not. body%flexible) cycle
+        associate (xf => x(i + 4:i + 3 + body%nf), op => body%op, q => run%y(i + 4:i + 3 + body%nf))
+          allocate (force(body%nf), mass(body%nf))
+          call mass_product(op, xf, force)
+          moving = moving + dot_product(xf, force + 2*matmul(body%shape%sbar, a) + 2*x(i + 3)*body%shape%c0)
+          force = 0.0_wp
+          call add_product(op%symmetric, abs(op%k), abs(q), force)
+          mass = [(op%m(op%symmetric%entry(k, k)) + op%j(op%symmetric%entry(k, k)), k=1, body%nf)]
+          noise = noise + sum(force**2/mass)
+          deallocate (force, mass)
+        end associate
+      end associate
+    end do
+    yes = sqrt(max(moving, 0.0_wp)) <= cancelled*sqrt(noise)
+  end function all_is_rounding
+
+  !> Warns of limits of the model that the present state passes, as after a static analysis, and where it is at rest but no
+  !> equilibrium: its stiffness lacks the forces that are not yet built up.
   subroutine warn_of_motion(run, text)
     type(run_state), intent(in) :: run
     type(summary_record), intent(inout) :: text     !! the summary
+    type(validity_watch) :: watch
     associate (s => run%sys%m%s)
+      if (.not. run%d%static%present) then
+        call watch%begin(run%sys%m)
+        call watch%note(run%sys%m, run%sys%ev, run%y(1:s%nq), run%y(s%nq + 1:2*s%nq))
+        call text%warn(watch%warnings(run%sys%m, run%sys%ev, 'in the linearised state '))
+      end if
       if (any(abs(run%y(s%nq + 1:2*s%nq)) > 0.0_wp) .or. s%rows == s%nq .or. at_equilibrium(run)) return
     end associate
     call text%warn('the state about which modes and responses are computed is no equilibrium (it would accelerate from rest): '// &

@@ -5,13 +5,10 @@ module mass_damping
   use kinds, only: half_digits, wp, pi
   use body, only: body_model
   use element_law, only: inertia_of
-  use elastic_operators, only: mass_product
-  use lapack, only: dgeqp3, dgesdd, dorgqr, dsygvd
+  use held_body, only: held_body_model, held_modes, hold_bodies, rigid_mass
   use layered_element, only: element_inertia
   use linear_state, only: evaluate_state
   use linearisation, only: joint_rows_matrix
-  use modal_basis, only: modal_model
-  use modal_reduction, only: reduce_to_modes
   use scene_run, only: run_state
   use summary_text, only: summary_record
   use text, only: either, to_text
@@ -21,7 +18,6 @@ module mass_damping
   public :: warn_of_mass_damping
 
   real(wp), parameter :: told = 0.1_wp               !! difference of a damping ratio [-]
-  integer, parameter :: kept = 8                     !! modes of a body, besides its static shapes
   integer, parameter :: compared = 3                 !! modes as the joints hold them
   integer, parameter :: most_nodes = 6               !! of the nodes at which joints hold a body, that make references
 
@@ -31,22 +27,13 @@ module mass_damping
     integer :: second = 0                            !! its v
   end type reference_choice
 
-  !> A body of a group by few modes and static shapes.
-  type :: group_member
-    integer :: number = 0                            !! of the body
-    integer :: before = 0                            !! unknowns of the group before it
-    type(body_model) :: b
-    real(wp), allocatable :: rows(:, :)              !! (rows, 3 + nf) of joints, by its unknowns [-], [m]
-    integer, allocatable :: held(:)                  !! nodes at which joints act
-  end type group_member
-
 contains
 
   !> One warning for each group of bodies that is damped otherwise by more than a tenth.
   subroutine warn_of_mass_damping(run, text)
     type(run_state), intent(inout) :: run
     type(summary_record), intent(inout) :: text
-    type(group_member), allocatable :: members(:)
+    type(held_body_model), allocatable :: members(:)
     type(triplet_matrix) :: joints
     integer :: group(size(run%sys%m%s%bodies)), b, k
     logical :: ok
@@ -58,7 +45,7 @@ contains
       do b = 1, size(bodies)
         if (group(b) /= b) cycle
         if (.not. any([(group(k) == b .and. damped_by_mass(bodies(k)), k=1, size(bodies))])) cycle
-        call gather(run, pack([(k, k=1, size(bodies))], group == b), joints, members, ok)
+        call hold_bodies(run%sys%m, pack([(k, k=1, size(bodies))], group == b), joints, members, ok)
         if (ok) call judge(run, members, text)
       end do
     end associate
@@ -93,58 +80,6 @@ contains
     end do
   end function welded_groups
 
-  !> Reduces the bodies of a group, with the rows of their joints.
-  subroutine gather(run, numbers, joints, members, ok)
-    type(run_state), intent(in) :: run
-    integer, intent(in) :: numbers(:)                !! of the bodies
-    type(triplet_matrix), intent(in) :: joints       !! (rows, nq) [-], [m]
-    type(group_member), allocatable, intent(out) :: members(:)
-    logical, intent(out) :: ok
-    integer, allocatable :: mine(:), active(:)       ! entries of a body; rows that act on the group
-    real(wp), allocatable :: rows(:, :)
-    logical :: acts(run%sys%m%s%rows)
-    logical :: bad
-    integer :: k, e, n
-    allocate (members(size(numbers)))
-    acts = .false.
-    do k = 1, merge(size(numbers), 0, joints%count > 0)
-      associate (i => run%sys%m%s%qo(numbers(k)), b => run%sys%m%s%bodies(numbers(k)))
-        mine = pack([(e, e=1, joints%count)], joints%cols(:joints%count) > i .and. joints%cols(:joints%count) <= i + 3 + b%nf)
-        acts(joints%rows(mine)) = .true.
-      end associate
-    end do
-    active = pack([(k, k=1, size(acts))], acts)
-    n = 0
-    ok = .true.
-    do k = 1, size(numbers)
-      associate (x => members(k), i => run%sys%m%s%qo(numbers(k)))
-        x%number = numbers(k)
-        x%before = n
-        x%b = run%sys%m%s%bodies(numbers(k))
-        allocate (rows(size(acts), 3 + x%b%nf), source=0.0_wp)
-        do e = 1, joints%count
-          if (joints%cols(e) <= i .or. joints%cols(e) > i + 3 + x%b%nf) cycle
-          rows(joints%rows(e), joints%cols(e) - i) = rows(joints%rows(e), joints%cols(e) - i) + joints%values(e)
-        end do
-        rows = rows(active, :)
-        x%held = held_nodes(run, numbers(k))
-        if (x%b%basis%reduced_from == 0) then
-          deallocate (x%b%basis)
-          call reduce_to_modes(x%b, min(kept, x%b%nf), .true., pack([(e, e=1, x%b%nf)], &
-                                                                    any(abs(rows(:, 4:)) > 0.0_wp, 1)), bad)
-          ok = ok .and. .not. bad
-          if (bad) return
-          select type (basis => x%b%basis)
-          type is (modal_model)
-            rows = reshape([rows(:, :3), matmul(rows(:, 4:), basis%psi(1:, :))], [size(active), 3 + x%b%nf])
-          end select
-        end if
-        call move_alloc(rows, x%rows)
-        n = n + 3 + x%b%nf
-      end associate
-    end do
-  end subroutine gather
-
   !> Nodes of a body at which joints act.
   pure function held_nodes(run, number) result(nodes)
     type(run_state), intent(in) :: run
@@ -162,7 +97,7 @@ contains
   !> Compares the modes of a group with what their damping would be if it acted on all of their motion, for each reference.
   subroutine judge(run, members, text)
     type(run_state), intent(in) :: run
-    type(group_member), intent(in) :: members(:)
+    type(held_body_model), intent(in) :: members(:)
     type(summary_record), intent(inout) :: text
     type(reference_choice), allocatable :: choices(:)
     real(wp), allocatable :: omega2(:), x(:, :)
@@ -172,7 +107,7 @@ contains
     call held_modes(members, omega2, x)
     modes = min(compared, size(omega2))
     if (modes == 0) return
-    choices = possible_references(members)
+    choices = possible_references(members, held_nodes(run, members(1)%number))
     allocate (loss(modes, size(choices) + 2), source=0.0_wp)
     do k = 1, size(members)
       call add_losses(members(k), choices, x(members(k)%before + 1:members(k)%before + 3 + members(k)%b%nf, :modes), loss)
@@ -199,7 +134,7 @@ contains
   !> What to do.
   function advice(run, members, choice, off, ratio) result(words)
     type(run_state), intent(in) :: run
-    type(group_member), intent(in) :: members(:)
+    type(held_body_model), intent(in) :: members(:)
     type(reference_choice), intent(in) :: choice     !! the best
     real(wp), intent(in) :: off                      !! how far it differs [-]
     character(*), intent(in) :: ratio                !! damping ratio with it
@@ -227,18 +162,19 @@ contains
 
   !> Names of the bodies of a group.
   function named(members) result(words)
-    type(group_member), intent(in) :: members(:)
+    type(held_body_model), intent(in) :: members(:)
     character(:), allocatable :: words
     words = 'body "'//trim(members(1)%b%name)//'"'
     if (size(members) > 1) words = words//' (welded to '//to_text(size(members) - 1)//' more)'
   end function named
 
   !> References between which to choose: of one body by the nodes at which it is held, of several by the words of the deck.
-  pure function possible_references(members) result(choices)
-    type(group_member), intent(in) :: members(:)
+  pure function possible_references(members, nodes) result(choices)
+    type(held_body_model), intent(in) :: members(:)
+    integer, intent(in) :: nodes(:)                  !! at which joints hold the first body
     type(reference_choice), allocatable :: choices(:)
     integer :: i, j
-    associate (b => members(1)%b, nodes => members(1)%held)
+    associate (b => members(1)%b)
       if (size(members) > 1) then
         choices = [reference_choice(1, 0), reference_choice(1, -1), reference_choice(0, 0)]
         return
@@ -257,7 +193,7 @@ contains
 
   !> Adds a body's part of x^T C x: C on the whole motion, against its present frame, and against the frame of each choice.
   subroutine add_losses(x, choices, shapes, loss)
-    type(group_member), intent(in) :: x
+    type(held_body_model), intent(in) :: x
     type(reference_choice), intent(in) :: choices(:)
     real(wp), intent(in) :: shapes(:, :)             !! (3 + nf, modes) frame and elastic coordinates [m, rad, over kg^.5 m]
     real(wp), intent(inout) :: loss(:, :)            !! (modes, 2 + choices) [1/s]
@@ -325,13 +261,6 @@ contains
     motion = [u(1) + u(3)*x(2), u(2) - u(3)*x(1), u(3)]
   end function moved_frame
 
-  !> Mass of the frame's unknowns.
-  pure function rigid_mass(b) result(m)
-    type(body_model), intent(in) :: b
-    real(wp) :: m(3, 3)                              !! [kg, kg m, kg m2]
-    m = reshape([b%mass, 0.0_wp, -b%i1(2), 0.0_wp, b%mass, b%i1(1), -b%i1(2), b%i1(1), b%i11], [3, 3])
-  end function rigid_mass
-
   !> Solves A x = b of three unknowns by Cramer's rule.
   pure function solved(a, b) result(x)
     real(wp), intent(in) :: a(3, 3), b(3)            !! [kg, kg m, kg m2], [kg m, kg m2]
@@ -351,97 +280,4 @@ contains
           + c(1, 3)*(c(2, 1)*c(3, 2) - c(2, 2)*c(3, 1))
     end function determinant
   end function solved
-
-  !> Modes that bend, of a group on its joints, mass-normalised and ascending; none where the equations have none.
-  subroutine held_modes(members, omega2, x)
-    type(group_member), intent(in) :: members(:)
-    real(wp), allocatable, intent(out) :: omega2(:)  !! [rad2/s2]
-    real(wp), allocatable, intent(out) :: x(:, :)    !! (unknowns, modes) [m, rad, over kg^.5 m]
-    real(wp), allocatable :: m(:, :), k(:, :), z(:, :), w(:), work(:), rows(:, :), rigid(:, :)
-    integer, allocatable :: iwork(:)
-    integer :: j, n, free, info
-    n = members(size(members))%before + 3 + members(size(members))%b%nf
-    allocate (m(n, n), k(n, n), rows(size(members(1)%rows, 1), n), source=0.0_wp)
-    allocate (rigid(size(rows, 1), 3*size(members)))
-    do j = 1, size(members)
-      associate (i => members(j)%before, nf => members(j)%b%nf)
-        call fill_matrices(members(j)%b, m(i + 1:i + 3 + nf, i + 1:i + 3 + nf), k(i + 1:i + 3 + nf, i + 1:i + 3 + nf))
-        rows(:, i + 1:i + 3 + nf) = members(j)%rows
-        rigid(:, 3*j - 2:3*j) = members(j)%rows(:, :3)/spread([1.0_wp, 1.0_wp, members(j)%b%length], 1, size(rows, 1))
-      end associate
-    end do
-    free = size(rigid, 2) - rank_of(rigid)           ! motions of the group as rigid bodies
-    call null_space(rows, [(1/sqrt(m(j, j)), j=1, n)], z)
-    n = size(z, 2)
-    allocate (w(n), work(1 + 6*n + 2*n*n), iwork(3 + 5*n), omega2(0), x(size(z, 1), 0))
-    if (n <= free) return
-    k = matmul(transpose(z), matmul(k, z))
-    m = matmul(transpose(z), matmul(m, z))
-    call dsygvd(1, 'V', 'U', n, k, n, m, n, w, work, size(work), iwork, size(iwork), info)
-    if (info /= 0) return
-    omega2 = w(free + 1:)
-    x = matmul(z, k(:, free + 1:))
-  end subroutine held_modes
-
-  !> M and K of a body's frame and elastic coordinates, at rest and undeformed.
-  pure subroutine fill_matrices(b, m, k)
-    type(body_model), intent(in) :: b
-    real(wp), intent(out) :: m(:, :)                 !! [kg, kg m, kg m2]
-    real(wp), intent(out) :: k(:, :)                 !! [1/s2]
-    real(wp) :: unit(b%nf)                           ! [kg^.5 m]
-    integer :: j
-    m = 0.0_wp
-    k = 0.0_wp
-    m(:3, :3) = rigid_mass(b)
-    m(4:, 1:2) = b%shape%sbar
-    m(4:, 3) = b%shape%c0
-    m(:3, 4:) = transpose(m(4:, :3))
-    do j = 1, b%nf
-      unit = 0.0_wp
-      unit(j) = 1.0_wp
-      call mass_product(b%op, unit, m(4:, 3 + j))
-      select type (basis => b%basis)
-      type is (modal_model)
-        k(3 + j, 3 + j) = basis%omega2(j)
-      end select
-    end do
-  end subroutine fill_matrices
-
-  !> Rank of a small matrix.
-  integer function rank_of(a) result(rank)
-    real(wp), intent(in) :: a(:, :)                  !! [any]
-    real(wp) :: c(size(a, 1), size(a, 2)), s(min(size(a, 1), size(a, 2))), u(1, 1), vt(1, 1)   ! [any]
-    real(wp), allocatable :: work(:)
-    integer, allocatable :: iwork(:)
-    integer :: info
-    rank = 0
-    if (size(s) == 0) return
-    c = a
-    allocate (work(10*(size(a, 1) + size(a, 2)) + 100*size(s)), iwork(8*size(s)))
-    call dgesdd('N', size(a, 1), size(a, 2), c, size(a, 1), s, u, 1, vt, 1, work, size(work), iwork, info)
-    rank = count(s > half_digits*s(1))
-  end function rank_of
-
-  !> Motions in units that the rows allow: the last columns of Q in P J^T = Q R.
-  subroutine null_space(rows, unit, z)
-    real(wp), intent(in) :: rows(:, :)               !! (rows, unknowns) [-], [m]
-    real(wp), intent(in) :: unit(:)                  !! (unknowns) of each [1/sqrt(kg), 1/sqrt(kg) m]
-    real(wp), allocatable, intent(out) :: z(:, :)    !! (unknowns, motions) [m, rad, over kg^.5 m]
-    real(wp), allocatable :: a(:, :), tau(:), work(:)
-    integer, allocatable :: pivots(:)
-    integer :: n, nr, info, rank, j
-    n = size(unit)
-    nr = size(rows, 1)
-    allocate (a(n, max(n, nr)), source=0.0_wp)
-    allocate (tau(n), work(64*max(n, nr) + 64), pivots(nr))
-    pivots = 0
-    a(:, :nr) = transpose(rows)*spread(unit, 2, nr)
-    rank = 0
-    if (nr > 0) then
-      call dgeqp3(n, nr, a, n, pivots, tau, work, size(work), info)
-      rank = count([(abs(a(j, j)) > half_digits*abs(a(1, 1)), j=1, min(n, nr))])
-    end if
-    call dorgqr(n, n, rank, a, n, tau, work, size(work), info)
-    z = a(:, rank + 1:n)*spread(unit, 2, n - rank)
-  end subroutine null_space
 end module mass_damping

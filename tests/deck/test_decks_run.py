@@ -37,6 +37,8 @@ def test_a_shipped_deck_runs_and_balances_its_energy(run_deck, shortened, name):
     told = r'.*\.nml: warning: body "rod" moves elastically at .* faster than its mesh or modes can carry: .*'
     stout = r'.*\.nml: warning: body "(rod|arm)" is so short .*'  # the engine's connecting rod, the shaper's arm by its second mode
     expected = [told] if coarse else [stout] if name in ("engine", "quick_return") else []
+    if name in ("crank_at_speed", "warm_pump"):  # pistons pull and push their rods by more than a third of the critical load
+        expected = [rf'.*\.nml: warning: body "rod" is {word} along its axis by .*' for word in ("pressed", "pulled")]
     lines = done.stderr.splitlines()
     assert len(lines) == len(expected)
     assert all(re.fullmatch(*pair) for pair in zip(expected, lines))

@@ -310,3 +310,52 @@ def test_welded_pieces_are_damped_as_one_body(run_deck):
     rows = [line.split() for line in (run.folder / "modes.txt").read_text("utf-8").splitlines() if line[:1] not in "#"]
     ratio = [float(row[5]) for row in rows if int(float(row[2])) == 1]
     assert float(found[1]) == pytest.approx(ratio[0], rel=0.02)
+
+
+WALL, HINGE, ROLLER, GUIDE = (
+    "&joint name='w' type='weld' body_a='b' node_a=1 /\n",
+    "&joint name='w' type='revolute' body_a='b' node_a=1 /\n",
+    f"&joint name='v' type='slider' body_a='b' node_a=-1 point_b={LENGTH},0.0 /\n",
+    f"&joint name='v' type='prismatic' body_a='b' node_a=-1 point_b={LENGTH},0.0 /\n",
+)
+EULER = {WALL: math.pi**2 / 4, HINGE + ROLLER: math.pi**2, WALL + ROLLER: 20.190729, WALL + GUIDE: 4 * math.pi**2}
+
+
+@pytest.mark.parametrize(
+    ("joints", "more"),
+    [(joints, more) for joints in EULER for more in ("", "reference='clamped'", "axial=.false.")]
+    + [(WALL, "modes=6 reference='clamped'")],
+)
+@pytest.mark.parametrize("share", [0.31, 0.36, -0.36])
+def test_loads_along_a_beam_are_measured_by_eulers_loads(run_deck, joints, more, share):
+    """As the joints hold the beam, whatever its frame and its coordinates are."""
+    load = share * EULER[joints] * EI / LENGTH**2
+    deck = HEAD + body("b", more, 8) + joints + f"&force name='f' type='force' body='b' node=-1 fx={-load!r} /\n"
+    lines = [line for line in run_deck(deck + "&static /\n").stderr.splitlines() if " along its axis by " in line]
+    assert len(lines) == (abs(share) > 1 / 3)
+    if lines:
+        assert ("is pressed" if share > 0 else "is pulled") in lines[0]
+        assert float(re.search(r"along its axis by (\S+) of", lines[0])[1]) == pytest.approx(abs(share), abs=0.011)
+
+
+@pytest.mark.parametrize(("load", "warned"), [(2.5, False), (2.7, True)])
+def test_a_column_under_its_own_weight(run_deck, load, warned):
+    """It buckles at 7.837 EI/L^3 for a metre (Greenhill); the axial force is that of the weight above."""
+    gravity = load * EI / LENGTH**3 / (DENSITY * AREA)
+    deck = f"&scene gravity={-gravity!r},0.0 /\n" + HEAD.replace("&scene title='v' /\n", "")
+    deck += body("b", "reference='clamped'", 8) + WALL + "&static /\n"
+    found = re.search(r"pressed along its axis by (\S+) of its critical load", run_deck(deck).stderr)
+    assert (found is not None) == warned
+    if warned:
+        assert float(found[1]) == pytest.approx(load / 7.837, abs=0.011)
+
+
+def test_a_load_along_a_beam_in_motion(run_deck):
+    """A ramp to half of the critical load in a transient; with stiffening, or cut into pieces, nothing is left out."""
+    push = f"&force name='f' type='force' body='b' node=-1 fx={-EULER[WALL] * EI / LENGTH**2 / 2!r} history='h' /\n"
+    push = "&history name='h' kind='ramp' start_value=0.0 end_value=1.0 start=0.0 finish=1.0 /\n" + push
+    end = "&transient t_end=1.0 method='radau' tolerance=1e-4 output_step=0.1 /\n"
+    run = run_deck(HEAD + body("b", "reference='clamped'") + WALL + push + end)
+    assert float(re.search(r"pressed along its axis by (\S+) of its critical load", run.stderr)[1]) == pytest.approx(0.5, abs=0.02)
+    assert run.summary.count("along its axis") == 1
+    assert "along its axis" not in run_deck(HEAD + body("b", "reference='clamped' stiffening=.true.") + WALL + push + end).stderr

@@ -280,3 +280,60 @@ def test_random_prestress_grows_by_load_steps(run_deck, seed):
     np.testing.assert_allclose(table["a.x"], moved * table["load"], rtol=1e-8, atol=1e-12, err_msg=f"seed {seed}")
     turned = np.sum(torsion * angle) / torsion.sum()
     np.testing.assert_allclose(table["turn"], turned * table["load"], rtol=1e-8, atol=1e-12, err_msg=f"seed {seed}")
+
+
+@pytest.mark.parametrize("conditions", ["reference='clamped'", "reference_node=11,11,11 reference_dof='u','v','r'"])
+def test_an_equilibrium_is_one_whatever_the_frame(run_deck, conditions):
+    """What rounding leaves of elastic forces accelerates light elements; it is no motion."""
+    run = run_deck(f"""&material name='a' density=7850.0 young=2.1e11 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='b' kind='beam' length=1.0 elements=20 section='s' material='a' {conditions} /
+&joint name='w' type='revolute' body_a='b' node_a=1 /
+&joint name='v' type='slider' body_a='b' node_a=-1 point_b=1.0,0.0 /
+&force name='f' type='force' body='b' node=11 fy=-90.0 /
+&static /
+&modal modes=2 /
+""")
+    assert "no equilibrium" not in run.stderr
+
+
+def test_a_load_that_is_not_balanced_is_still_told(run_deck):
+    """The same beam, with a load of a millionth that is let go after the static analysis."""
+    run = run_deck("""&material name='a' density=7850.0 young=2.1e11 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='b' kind='beam' length=1.0 elements=20 section='s' material='a' reference_node=11,11,11 reference_dof='u','v','r' /
+&joint name='w' type='revolute' body_a='b' node_a=1 /
+&joint name='v' type='slider' body_a='b' node_a=-1 point_b=1.0,0.0 /
+&force name='f' type='force' body='b' node=11 fy=-90.0 /
+&force name='g' type='force' body='b' node=11 fy=-9.0e-5 stage='static' /
+&static /
+&modal modes=2 /
+""")
+    assert "no equilibrium" in run.stderr
+
+
+@pytest.mark.parametrize("thick", ["5e-3", "3e-3"])
+def test_a_layered_beam_at_rest_is_counted(run_deck, thick):
+    """Entries of the stiffness that cancel are rounding, as their mirrors are: nothing follows the motion."""
+    run = run_deck(f"""&material name='a' density=7850.0 young=2.1e11 /
+&material name='v' density=1200.0 young=3.0e6 poisson=0.5 prony_alpha=2.0 prony_tau=0.001 /
+&section name='s' layers='a','v','a' thickness=5e-3,1e-3,{thick} width=0.02 cores=2 base=2 /
+&body name='b' kind='beam' length=0.4 elements=60 section='s' reference='clamped' /
+&joint name='w' type='weld' body_a='b' node_a=1 /
+&modal modes=3 /
+""")
+    assert "complete below" in run.summary
+    assert "not counted" not in run.summary
+
+
+def test_sections_of_one_layer_are_not_called_layers(run_deck):
+    """Beside a section that shears, one that does not is named as what it is."""
+    run = run_deck("""&material name='a' density=7850.0 young=2.1e11 /
+&section name='t' shape='rectangle' width=0.02 height=0.03 shear=.true. /
+&section name='c' shape='circle' diameter=0.03 /
+&body name='f' kind='beam' length=0.4 elements=4 element_section='t','c','t','c' material='a' reference='clamped' /
+&joint name='w' type='weld' body_a='f' node_a=1 /
+&modal modes=3 /
+""")
+    assert "layers" not in run.stderr
+    assert 'body "f" has a section that is as thick as' in run.stderr

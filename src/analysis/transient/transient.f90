@@ -342,6 +342,8 @@ contains
     call self%seen%exchange(a)
     call self%pairs%exchange(a)
     call a%exchange(run%watch%figures)
+    call a%exchange(run%watch%axial%worst)
+    call a%exchange(run%watch%axial%latest)
     associate (x => run%monitor)
       call a%exchange(x%estimates, x%next, x%latest, x%smallest, x%at, x%cause)
     end associate

@@ -2,6 +2,7 @@
 !> the first bending frequency unless stiffening is on, motion that the mesh or the modes can carry.
 module validity
   use kinds, only: wp, pi
+  use axial_loads, only: axial_watch, begin_axial, critical_shares, note_axial, pressed, pulled
   use banded, only: band_factor, band_solve
   use body, only: body_model
   use elastic_operators, only: factor_entries, mass_product
@@ -16,6 +17,7 @@ module validity
   real(wp), parameter :: large_deflection = 0.1_wp   !! of the body's length [-]
   real(wp), parameter :: large_angle = 0.2_wp        !! of a section in its frame, of the shear of a core [rad]
   real(wp), parameter :: fast_spin = 1.0_wp/3.0_wp   !! of the lowest bending frequency [-]
+  real(wp), parameter :: large_load = 1.0_wp/3.0_wp  !! along a body, of its critical load [-]
   real(wp), parameter :: shear_ratio = 3.12_wp       !! E/(kappa G) of a rectangle at Poisson's ratio 0.3 [-]
   real(wp), parameter :: least_vibration = 1.0e-9_wp !! amplitude of a vibration, of the deflection; below it is rounding [-]
   real(wp), parameter :: part_period = 1/(1 - 1/(4*pi))   !! mean squares over a period and a part of the next one err by this [-]
@@ -27,6 +29,7 @@ module validity
   !> The watch.
   type :: validity_watch
     real(wp), allocatable :: figures(:, :)           !! (6, nb), part of a checkpoint [m, rad, rad/s; m2/s2, m2/s4; rad]
+    type(axial_watch) :: axial
     real(wp), allocatable :: weight(:)               !! (nq) of each elastic rate: rotations count times half an element [m2]
   contains
     procedure :: begin
@@ -44,6 +47,7 @@ contains
     integer :: b
     if (allocated(self%figures)) deallocate (self%figures)
     allocate (self%figures(6, size(m%s%bodies)), source=0.0_wp)
+    call begin_axial(self%axial, m)
     self%weight = [(1.0_wp, b=1, m%s%nq)]
     do b = 1, size(m%s%bodies)
       associate (body => m%s%bodies(b), i => m%s%qo(b) + 3)
@@ -54,13 +58,14 @@ contains
   end subroutine begin
 
   !> Adds an evaluated state to the figures.
-  pure subroutine note(self, m, ev, q, v)
+  subroutine note(self, m, ev, q, v)
     class(validity_watch), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:), v(:)               !! (nq) [m, rad], [m/s, rad/s]
     real(wp) :: u(3)
     integer :: b, k, i, n
+    call note_axial(self%axial, m, ev, v)
     do b = 1, size(m%s%bodies)
       associate (body => m%s%bodies(b), f => self%figures(:, b))
         if (.not. body%flexible) cycle
@@ -101,7 +106,8 @@ contains
     type(evaluation), intent(in) :: ev
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
     character(:), allocatable :: text
-    real(wp) :: first, highest, moving
+    real(wp) :: first, highest, moving               ! [rad/s]
+    real(wp) :: loads(2)                             ! over the critical load [-]
     integer :: b
     text = ''
     do b = 1, size(m%s%bodies)
@@ -113,11 +119,19 @@ contains
                                             'rad in its frame: beyond about 0.2 rad the linear floating frame no longer holds')
         if (f(slip) > large_angle) call say(body, 'shears a core by', f(slip), 'rad: beyond about 0.2 rad no core is '// &
                                             'linear')
+        first = huge(1.0_wp)
         if (.not. body%stiffening .and. f(spin) > 0.0_wp) then
           first = lowest_frequency(body)
           if (f(spin) > fast_spin*first) call say(body, 'spins at', f(spin)/first, 'of its lowest bending frequency without '// &
             'stiffening=.true.: the linear strain misses the centrifugal stiffening')
         end if
+        loads = critical_shares(self%axial, m, ev, b)
+        if (loads(pressed) > large_load) call say(body, 'is pressed along its axis by', loads(pressed), 'of its critical load '// &
+          'without stiffening=.true.: the linear strain misses how pressure softens its bending (or more bodies, each with its '// &
+          'own frame)')
+        if (loads(pulled) > large_load .and. .not. f(spin) > fast_spin*first) call say(body, 'is pulled along its axis by', &
+          loads(pulled), 'of what would buckle it as pressure, without stiffening=.true.: the linear strain misses how tension '// &
+          'stiffens its bending (or more bodies, each with its own frame)')
         highest = part_period*body%basis%top_frequency
         if (ev%t*highest >= 2*pi) then       ! before one period a motion that starts from rest looks too fast
           moving = self%elastic_frequency(m, b)

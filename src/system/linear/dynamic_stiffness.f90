@@ -111,15 +111,29 @@ contains
     real(wp), intent(in) :: loops(:)                  !! (entries) [as c]
     real(wp), parameter :: unequal = 1.0e-9_wp        !! relative difference of an entry and its mirror that is no rounding [-]
     real(wp), parameter :: rounding = 1.0e-13_wp      !! relative size that counts as zero [-]
+    real(wp), parameter :: cancelled = 64*epsilon(1.0_wp)   !! what sums of both diagonals' size leave of an entry that is zero [-]
     self%gyro = 0.5_wp*((self%c - loops) - (self%c(self%mirror) - loops(self%mirror)))
-    where (abs(self%gyro) <= rounding*(abs(self%c) + abs(self%c(self%mirror)))) self%gyro = 0.0_wp
-    self%conservative = all(abs(self%k - self%k(self%mirror)) <= unequal*(abs(self%k) + abs(self%k(self%mirror))))
+    where (abs(self%gyro) <= max(rounding*(abs(self%c) + abs(self%c(self%mirror))), cancelled*diagonals(self%c))) self%gyro = 0.0_wp
+    self%conservative = all(abs(self%k - self%k(self%mirror)) <= max(unequal*(abs(self%k) + abs(self%k(self%mirror))), &
+                                                                     cancelled*diagonals(self%k)))
     if (self%conservative) self%k = 0.5_wp*(self%k + self%k(self%mirror))
     if (self%conservative) self%k_low = 0.5_wp*(self%k_low + self%k_low(self%mirror))
     self%symmetric = self%conservative .and. all(abs(self%gyro) <= 0.0_wp)
     self%damped = size(self%groups) > 0
     if (any(abs(self%c) > 0.0_wp)) self%damped = self%damped .or. &
                                                  any(abs(self%c - self%gyro) > rounding*maxval(abs(self%c)))
+  contains
+    !> Of each entry the mean of its row's and its column's diagonal entry.
+    pure function diagonals(a) result(size_of)
+      real(wp), intent(in) :: a(:)                    !! (entries) [as a]
+      real(wp) :: size_of(size(a))                    !! [as a]
+      real(wp) :: diagonal(size(self%first) - 1)      ! square roots [as the root of a]
+      integer :: k
+      do k = 1, size(diagonal)
+        diagonal(k) = sqrt(abs(a(self%entry(k, k))))
+      end do
+      size_of = diagonal(self%row)*diagonal(self%col)
+    end function diagonals
   end subroutine classify
 
   !> Sets the matrix at s, with the given fraction of damping and viscoelastic terms, and its derivative.
