@@ -297,21 +297,6 @@ def test_an_equilibrium_is_one_whatever_the_frame(run_deck, conditions):
     assert "no equilibrium" not in run.stderr
 
 
-def test_a_load_that_is_not_balanced_is_still_told(run_deck):
-    """The same beam, with a load of a millionth that is let go after the static analysis."""
-    run = run_deck("""&material name='a' density=7850.0 young=2.1e11 /
-&section name='s' shape='rectangle' width=0.02 height=0.01 /
-&body name='b' kind='beam' length=1.0 elements=20 section='s' material='a' reference_node=11,11,11 reference_dof='u','v','r' /
-&joint name='w' type='revolute' body_a='b' node_a=1 /
-&joint name='v' type='slider' body_a='b' node_a=-1 point_b=1.0,0.0 /
-&force name='f' type='force' body='b' node=11 fy=-90.0 /
-&force name='g' type='force' body='b' node=11 fy=-9.0e-5 stage='static' /
-&static /
-&modal modes=2 /
-""")
-    assert "no equilibrium" in run.stderr
-
-
 @pytest.mark.parametrize("thick", ["5e-3", "3e-3"])
 def test_a_layered_beam_at_rest_is_counted(run_deck, thick):
     """Entries of the stiffness that cancel are rounding, as their mirrors are: nothing follows the motion."""
