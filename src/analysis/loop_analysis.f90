@@ -6,7 +6,7 @@ module loop_analysis
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
   use linear_state, only: linear_system
-  use posix, only: remove_file
+  use own_files, only: remove_own
   use scene_run, only: run_state, no_output, stop_if_signalled
   use sorting, only: ascending
   use summary_text, only: summary_record
@@ -61,7 +61,7 @@ contains
     complex(wp), allocatable :: lambda(:)
     integer :: states, k, grow
     logical :: ok
-    call remove_file(run%folder//'/poles.txt')
+    call remove_own(run%folder//'/poles.txt')
     if (size(run%sys%m%s%controllers) == 0 .or. fail%happened()) return
     associate (nq => run%sys%m%s%nq)
       call loops%build(run%sys%m, run%sys%ev, run%y(nq + 1:2*nq))

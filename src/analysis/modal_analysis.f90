@@ -10,7 +10,7 @@ module modal_analysis
   use mode_file, only: write_modes, mode_figures
   use material_band, only: outside_band
   use mode_list, only: say_what_is_missing, mode_set, vibration_mode
-  use posix, only: remove_file
+  use own_files, only: remove_own
   use scene_run, only: run_state, no_output, stop_if_signalled
   use summary_text, only: summary_record
   use text, only: to_text
@@ -29,7 +29,7 @@ contains
     type(mode_set) :: modes
     character(:), allocatable :: words
     logical :: ok, failed
-    call remove_file(run%folder//'/modes.txt')
+    call remove_own(run%folder//'/modes.txt')
     call run%sys%hold_rows(run%y, run%d%modal%friction /= 'held')
     call linear_system(run, ds)
     call refuse_uneven(run, 'modal analysis', status_failed, fail)

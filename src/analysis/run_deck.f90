@@ -15,6 +15,7 @@ module run_deck
   use response_analysis, only: run_response
   use rigid_mobility, only: mobility_lines
   use scene_figures, only: add_scene
+  use kept_files, only: refuse_losses
   use lapack, only: refused_routine
   use linear_state, only: refuse_uneven
   use force_element, only: stage_linear, stage_transient
@@ -209,6 +210,12 @@ contains
     integer(ip) :: t0, t1, rate
     real(wp) :: p0, p1                        !! time of the processor [s]
     status = status_no_output
+    call refuse_losses(run, fail)
+    if (fail%happened()) then
+      call fail%tell(run%d%path)
+      status = fail%status
+      return
+    end if
     call hold_signals(1)
     call make_folder(run%folder)
     lock = lock_file(run%folder//'/.lock')

@@ -2,18 +2,16 @@
 !> They are replaced as a whole, so that whatever ends a run, even the system, leaves a summary that is true.
 module run_summary
   use kinds, only: wp
-  use checkpoint, only: remove_checkpoint
   use deck_json, only: groups_json
   use errors, only: failure
-  use posix, only: host_name, remove_file, remove_scratch, replace_file
-  use results, only: remove_results, unfinished
+  use own_files, only: clear_folder
+  use posix, only: host_name, remove_scratch, replace_file
   use scene_run, only: run_state, no_output
   use summary, only: version
   use summary_text, only: json_number, summary_record
   use readable_text, only: json_text, readable
   use text, only: fixed_text, to_text
   use text_file, only: result_file
-  use whole_file, only: read_file
   use, intrinsic :: iso_fortran_env, only: compiler_version
   implicit none (type, external)
   private
@@ -26,36 +24,9 @@ contains
   subroutine begin_results(run, fail)
     type(run_state), intent(in) :: run
     type(failure), intent(inout) :: fail
-    character(*), parameter :: tables(5) = [character(18) :: 'static', 'modes', 'floquet', 'orbit', 'frequency_response']
-    integer :: k
     call announce(run, fail)
-    if (fail%happened()) return
-    call remove_checkpoint(run%folder)
-    do k = 1, size(tables)
-      call remove_file(run%folder//'/'//trim(tables(k))//'.txt')
-    end do
-    call remove_results(run%folder, [character(5) :: '', unfinished])
-    call remove_drawn(run%folder)
+    if (.not. fail%happened()) call clear_folder(run%folder)
   end subroutine begin_results
-
-  !> Removes what the programs of post/ drew of the former run: they note the names of their files, here or in the folder `vtk`, in
-  !> `.drawn`, one a line.
-  subroutine remove_drawn(folder)
-    character(*), intent(in) :: folder
-    character(:), allocatable :: names, problem
-    integer :: first, length
-    call read_file(folder//'/.drawn', names, problem)
-    if (len(problem) > 0) return
-    first = 1
-    do while (first <= len(names))            ! each line ends with a line feed
-      length = index(names(first:), new_line('a')) - 1
-      associate (name => names(first:first + length - 1))
-        if (length > 0 .and. index(name(merge(5, 1, index(name, 'vtk/') == 1):), '/') == 0) call remove_file(folder//'/'//name)
-      end associate
-      first = first + length + 1
-    end do
-    call remove_file(folder//'/.drawn')
-  end subroutine remove_drawn
 
   !> Writes the summary of a run that is under way.
   subroutine announce(run, fail, so_far)

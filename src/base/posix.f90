@@ -7,8 +7,8 @@ module posix
   implicit none (type, external)
   private
   public :: make_folder, lock_file, close_lock, replace_file, remove_file, remove_scratch, create_file, extend_file, cut_file
-  public :: write_bytes, close_file, file_size, open_to_read, size_of, read_bytes, nameless_file, read_back, sync_file
-  public :: is_terminal, tell, reason, host_name, current_folder
+  public :: write_bytes, close_file, file_size, same_file, open_sole, open_to_read, size_of, read_bytes
+  public :: nameless_file, read_back, sync_file, is_terminal, tell, reason, host_name, current_folder
   public :: begin_process, end_process, caught_signal, hold_signals, start_child, wait_for_child, exit_at_once
 
   integer, parameter, public :: standard_input = 0, standard_output = 1, standard_error = 2   !! handles
@@ -79,6 +79,16 @@ module posix
       import :: c_char, c_long
       character(*, c_char), intent(in) :: path
     end function file_size
+    !> Whether two paths lead to one file.
+    logical(c_bool) function same_file(one, other) bind(c, name='biela_same_file')
+      import :: c_bool, c_char
+      character(*, c_char), intent(in) :: one, other
+    end function same_file
+    !> Opens an ordinary file for reading that has no other name and is no link; -1: there is none, -2: it cannot be read.
+    integer(c_int) function open_sole(path) bind(c, name='biela_open_sole')
+      import :: c_char, c_int
+      character(*, c_char), intent(in) :: path
+    end function open_sole
     !> Opens a file that exists for reading (wait > 0: until a pipe is written to); negative where that fails.
     integer(c_int) function open_to_read(path, wait) bind(c, name='biela_open_to_read')
       import :: c_char, c_int

@@ -123,6 +123,17 @@ bool biela_replace_file(text from, text to)
   return !rename(PATH(from), PATH(to));
 }
 
+/* Opens an ordinary file for reading that has no other name and is no link: what it holds would be lost with its name. -1: there is
+   none; -2: it cannot be read. */
+int biela_open_sole(text path)
+{
+  struct stat file;
+  int handle;
+  if (lstat(PATH(path), &file) || !S_ISREG(file.st_mode) || file.st_nlink > 1) return -1;
+  handle = open(PATH(path), O_RDONLY | O_NOFOLLOW | O_NONBLOCK);
+  return handle < 0 ? -2 : handle;
+}
+
 int biela_open_to_read(text path, int wait)
 {
   return open(PATH(path), O_RDONLY | (wait ? 0 : O_NONBLOCK));
@@ -141,6 +152,13 @@ long biela_file_size(text path)
   long bytes = handle < 0 ? -1 : biela_size_of(handle);
   dropped(handle);
   return bytes;
+}
+
+/* Whether two paths lead to one file. */
+bool biela_same_file(text one, text other)
+{
+  struct stat a, b;
+  return !stat(PATH(one), &a) && !stat(PATH(other), &b) && a.st_dev == b.st_dev && a.st_ino == b.st_ino;
 }
 
 int biela_nameless_file(void)

@@ -4,7 +4,8 @@ module results
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use posix, only: file_size, remove_file, replace_file
+  use own_files, only: remove_own
+  use posix, only: file_size, replace_file
   use mechanism, only: mechanism_model
   use sensors, only: sensor_list
   use switching, only: event_list, element_name, state_word
@@ -224,7 +225,7 @@ contains
     integer :: k, i
     do k = 1, size(names)
       do i = 1, size(suffixes)
-        call remove_file(folder//trim(names(k))//trim(suffixes(i)))
+        call remove_own(folder//trim(names(k))//trim(suffixes(i)))
       end do
     end do
   end subroutine remove_results

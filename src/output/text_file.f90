@@ -4,6 +4,7 @@ module text_file
   use decimal, only: number_width, write_number
   use kinds, only: wp, ip
   use archive, only: value_archive
+  use own_files, only: table_mark
   use posix, only: create_file, extend_file, write_bytes, close_file, cut_file, open_to_read, read_bytes, sync_file
   use readable_text, only: one_line
   use text_checksum, only: running_checksum
@@ -171,7 +172,7 @@ contains
     character(*), intent(in) :: what          !! what the file holds
     character(*), intent(in) :: deck_name
     character(*), intent(in) :: title         !! empty: none
-    call self%line('# biela: '//what)
+    call self%line(table_mark//what)
     call self%line('# deck: '//one_line(deck_name))
     if (len(title) > 0) call self%line('# title: '//one_line(title))
   end subroutine head

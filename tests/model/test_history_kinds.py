@@ -315,7 +315,14 @@ def test_tables_that_differ_in_their_last_letter_have_other_digests(run_deck, tm
 BAD_FILES = {
     "absent": (None, "cannot be read: no such file or directory, expected a table of numbers beside this deck"),
     "empty": ("\n", "has no row with numbers in columns 1 and 3, expected rows of numbers"),
-    "narrow": ("0,1\n1,2\n", "has no row with numbers in columns 1 and 3, expected rows of numbers"),
+    "headings": ("t,x,y\n[s],2,[m]\n", "has no row with numbers in columns 1 and 3, expected rows of numbers"),
+    "narrow": ("0,1\n1,2\n", "line 1 has nothing in column 3, expected a number"),
+    "no heading": ("t,x,y\n0,1,1 V\n1, 1,2\n", "line 2 has '1 V' in column 3, which is not a number, expected one such as 1.5e-3"),
+    "nor this": ("t;x;y\n-;1;5\n0;1;1\n", "line 2 has '-' in column 1, which is not a number, expected one such as 1.5e-3"),
+    "thousands": (
+        '0,1,"0,125"\n1,2,"-1,250"\n',
+        "line 2 has '-1,250' in column 3, which may have a comma of thousands or of decimals, expected a decimal point",
+    ),
     "words": ("t,x,y\n0,1,2\n1,2,none\n", "line 3 has 'none' in column 3, which is not a number, expected one such as 1.5e-3"),
     "gap": ("0,1,2\n1,2\n", "line 2 has nothing in column 3, expected a number"),
     "endless": ("0,1,2\n1,2,nan\n", "line 2 has 'nan' in column 3, which is not finite, expected a finite number"),

@@ -552,3 +552,20 @@ def test_stresses_of_layers_at_the_root_are_those_of_equilibrium(cores, within, 
     for k in (1, 3):
         far = max(abs(top[k - 1] - axis), abs(top[k - 1] - height[k - 1] - axis))
         assert last[f"l{k}.s"] == pytest.approx(modulus[k - 1] * 0.25 * far / ei, rel=within)
+
+
+def test_a_sensor_may_have_more_columns_than_others(run_deck):
+    """Two stacks whose bases are their lowest and their highest layer have eight cores together."""
+    stack = "width=0.02 layers=" + "'s','v'," * 4 + "'s' thickness=" + "1e-3,5e-4," * 4 + "1e-3"
+    deck = "&material name='s' density=7800.0 young=2e11 /\n&material name='v' density=1000.0 young=1e8 /\n"
+    deck += "".join(f"&section name='{n}' {stack} base={base} cores=2,4,6,8 /\n" for n, base in (("a", 1), ("b", 9)))
+    deck += "&body name='b' kind='beam' length=0.4 elements=2 element_section='a','b' reference='clamped' slip_held=1 /\n"
+    deck += "&joint name='w' type='weld' body_a='b' node_a=1 /\n&force name='f' body='b' node=-1 fy=1.0 /\n"
+    deck += "".join(f"&sensor name='{n}' quantity='slip' body='b' node={k} /\n" for n, k in (("mid", 2), ("end", 3)))
+    run = run_deck(deck + "&static load_steps=1 /\n")
+    lines = (run.folder / "static.txt").read_text().splitlines()
+    names = next(line for line in lines if line.startswith("# columns")).split()[2:]
+    values = dict(zip((name.partition("[")[0] for name in names), map(float, lines[-1].split())))
+    assert [n for n in values if ".g" in n] == [f"{s}.g{k}" for s in ("mid", "end") for k in range(1, 9)]
+    assert all(abs(values[f"mid.g{k}"]) > 1e-5 for k in range(1, 9))
+    assert [abs(values[f"end.g{k}"]) > 1e-5 for k in range(1, 9)] in ([True] * 4 + [False] * 4, [False] * 4 + [True] * 4)

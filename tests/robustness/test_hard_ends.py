@@ -211,6 +211,7 @@ def test_memory_that_ends_is_told_and_leaves_no_lock(largest, biela, tmp_path):
 
 RESULTS = ["history.txt", "summary.json", "checkpoint"]
 SCRATCH = [".lock", "summary.json.new", "summary.txt.new", "checkpoint.new"]
+BEGIN = {"history": "# biela: sensors", "summary": '{\n  "version": "0', "checkpoint": "bbbbbbbb", "": ""}  # of what a killed run left
 
 
 @pytest.mark.parametrize("name", [*RESULTS, *SCRATCH])
@@ -227,7 +228,7 @@ def test_no_name_in_a_folder_leads_a_run_to_a_file_elsewhere(kind, name, run_dec
     elif kind == "hard link":
         place.hardlink_to(other)
     elif kind == "left over":
-        place.write_text("of a run that was killed")
+        place.write_text(BEGIN[name.partition(".")[0]])
     else:
         try:
             os.mknod(place, stat.S_IFCHR | 0o666, os.makedev(1, 3))
@@ -321,3 +322,106 @@ def test_an_interrupted_write_is_repeated(biela, tmp_path):
         subprocess.run([biela, "-o", folder, "a.nml"], cwd=tmp_path, env={**os.environ, **environment}, check=True)
     for name in ("history.txt", "energy.txt"):
         assert (tmp_path / "plain" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+
+
+OWN = """&body name='x' mass=1 inertia=1 /
+&history name='h' kind='table' file='{}' interpolation='linear' /
+&force name='f' body='x' fx=1 history='h' /
+&sensor name='acc' quantity='acceleration' body='x' /
+&transient t_end=1 method='rk4' step=1e-2 output_step=0.25 /
+"""
+ALL = "static modes poles frequency_response floquet orbit history energy motion events summary".split()
+
+
+@pytest.fixture
+def here(biela, tmp_path):
+    """Return a function that runs a deck, with its results in the folder `out`, and tells status and words."""
+    (tmp_path / "out").mkdir()
+
+    def call(deck, *words):
+        (tmp_path / "a.nml").write_text(deck)
+        command = [biela, "--quiet", "--output", "out", *words, "a.nml"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return done.returncode, done.stderr
+
+    return call
+
+
+def held(folder):
+    """Return the files of a folder and what they hold."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+@pytest.mark.parametrize("table", ["out/history.txt", "out/../out/summary.txt", "link"])
+@pytest.mark.parametrize("made", [False, True])
+def test_what_a_run_reads_is_not_replaced(table, made, here, tmp_path):
+    """Neither the user's table nor one that biela made, under whatever name the deck has it."""
+    target = tmp_path / "out" / ("summary.txt" if "summary" in table else "history.txt")
+    target.write_text("# biela: sensors against time\n" * made + "0 100\n1 200\n")
+    if table == "link":
+        (tmp_path / "link").symlink_to(target)
+    before = held(tmp_path / "out")
+    status, told = here(OWN.format(table))
+    assert status == 2
+    assert told == f'a.nml: this run reads "{table.replace("out/../", "")}", which its results would replace; ' + (
+        "expected another folder (--output DIR)\n"
+    )
+    assert held(tmp_path / "out") == before
+
+
+@pytest.mark.parametrize("name", ["a.csv", "poles.txt"])
+def test_what_a_run_reads_is_not_removed(name, here, tmp_path):
+    """What was drawn of the former run goes with it, and results of other analyses."""
+    (tmp_path / "out" / name).write_text("# biela: poles\n0 100\n1 200\n")
+    if name == "a.csv":
+        (tmp_path / "out" / ".drawn").write_text("b.csv\na.csv\n")
+    status, told = here(OWN.format(f"out/{name}"))
+    assert (status, "this run reads" in told) == (2, True)
+    assert (tmp_path / "out" / name).exists()
+
+
+def test_the_deck_itself_is_not_replaced(biela, tmp_path):
+    (tmp_path / "history.txt").write_text(PENDULUM + TRANSIENT)
+    done = subprocess.run([biela, "-o", ".", "history.txt"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert (tmp_path / "history.txt").read_text() == PENDULUM + TRANSIENT
+    done = subprocess.run(f"{biela} -o . - < history.txt", shell=True, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, 'reads "-"' in done.stderr) == (2, True)
+
+
+def test_files_of_others_stay(here, tmp_path):
+    """Those that the run would not write are left alone; where it would write one nothing has changed."""
+    (tmp_path / "t.csv").write_text("0 100\n1 200\n")
+    written = {"history.txt", "energy.txt", "summary.txt", "summary.json", "history.txt.new1", ".lock"}
+    others = {f"{name}.txt" for name in ALL} | {"checkpoint", "poles.txt.new", "mine.txt"}
+    for name in sorted(others - written):
+        (tmp_path / "out" / name).write_text("mine")
+    assert here(OWN.format("t.csv")) == (0, "")
+    assert {name for name, text in held(tmp_path / "out").items() if text == b"mine"} == others - written
+    for name in sorted(written):
+        path = tmp_path / "out" / name
+        path.write_text("mine")
+        before = held(tmp_path / "out")
+        status, told = here(OWN.format("t.csv"))
+        assert (status, f'biela has not written "out/{name}"' in told) == (2, True)
+        assert held(tmp_path / "out") == before
+        path.unlink()
+    assert here(OWN.format("t.csv")) == (0, "")
+
+
+def test_what_a_former_run_left_goes(here, tmp_path):
+    """Also what only other analyses write, such as poles."""
+    (tmp_path / "t.csv").write_text("0 100\n1 200\n")
+    for name in ALL[:6]:
+        (tmp_path / "out" / f"{name}.txt").write_text("# biela: of a former run\n")
+    assert here(OWN.format("t.csv")) == (0, "")
+    assert sorted(held(tmp_path / "out")) == ["energy.txt", "history.txt", "summary.json", "summary.txt"]
+
+
+def test_a_checkpoint_of_others_is_not_replaced(here, tmp_path):
+    (tmp_path / "t.csv").write_text("0 100\n1 200\n")
+    path = tmp_path / "out" / "checkpoint"
+    path.write_text("mine")
+    status, told = here(OWN.format("t.csv").replace("output_step", "checkpoint_interval=0.5 output_step"))
+    assert (status, f'"out/{path.name}"' in told) == (2, True)
+    assert path.read_text() == "mine"

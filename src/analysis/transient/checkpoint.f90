@@ -5,7 +5,8 @@ module checkpoint
   use kinds, only: ip
   use archive, only: value_archive
   use errors, only: failure, status_bad_input
-  use posix, only: close_file, create_file, file_size, open_to_read, remove_file, remove_scratch, replace_file, sync_file, &
+  use own_files, only: checkpoint_mark, is_others, remove_own
+  use posix, only: close_file, create_file, file_size, open_to_read, remove_scratch, replace_file, sync_file, &
     write_bytes
   use summary, only: version
   use text_checksum, only: digest
@@ -16,7 +17,7 @@ module checkpoint
 
   character(*), parameter :: name = '/checkpoint'
   character(*), parameter :: layout = ' values 10'           !! version of an archive's contents: count up where they change
-  integer(ip), parameter :: mark = 7089336938131513954_ip    !! first word of every checkpoint
+  integer(ip), parameter :: mark = transfer(checkpoint_mark, 0_ip)   !! first word of every checkpoint
   integer, parameter :: frame = 5                            !! words beside the values
 
 contains
@@ -34,6 +35,8 @@ contains
     words(1:4) = [mark, program_digest(), digest(deck_text//settings), a%count]
     words(5:4 + a%count) = a%words(1:a%count)
     words(size(words)) = digest(bytes_of(words(1:size(words) - 1)))
+    ok = .not. is_others(folder//name)
+    if (.not. ok) return
     handle = create_file(folder//name//'.new')
     ok = handle >= 0
     if (.not. ok) return
@@ -112,7 +115,7 @@ contains
   !> Removes a checkpoint that no longer belongs to the results, if there is one.
   subroutine remove_checkpoint(folder)
     character(*), intent(in) :: folder
-    call remove_file(folder//name)
-    call remove_scratch(folder//name//'.new')
+    call remove_own(folder//name)
+    if (.not. is_others(folder//name//'.new')) call remove_scratch(folder//name//'.new')
   end subroutine remove_checkpoint
 end module checkpoint

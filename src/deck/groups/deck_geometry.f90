@@ -161,7 +161,7 @@ contains
     case ('clamped')
       removed(:, 1) = .true.
     case ('explicit')
-      do k = 1, size(b%reference_node)
+      do k = 1, min(size(b%reference_node), size(b%reference_dof))    ! of a faulty deck they differ
         removed(index('uvr', b%reference_dof(k)), b%reference_node(k)) = .true.
       end do
     case default   ! 'free': with modes

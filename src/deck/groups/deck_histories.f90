@@ -94,7 +94,7 @@ contains
         'columns=1,2 ('//first//', '//second//')')
       return
     end if
-    path = path_from(deck%parts%sources(deck%file())%path, file)
+    path = path_from(deck%parts%sources(deck%home(deck%token(deck%assignment_of('file'), 1)))%path, file)
     call read_file(path, content, problem)
     if (len(file) == 0) then
       problem = ' is empty, expected the name of a table of numbers beside this deck'
@@ -102,6 +102,7 @@ contains
       problem = ' cannot be read: '//problem//', expected a table of numbers beside this deck'
     else
       call read_columns(content, columns, x, y, problem)
+      deck%table_files = deck%table_files//path//achar(0)
       deck%tables = deck%tables//'! '//deck%group_word(deck%current)//' '//deck%prefix()//deck%peek('name')//': '// &
                     to_text(size(x))//' points of '//path//', digest '//to_text(digest(content))//achar(10)
       if (len(problem) > 0) problem = ' '//problem

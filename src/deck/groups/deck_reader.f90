@@ -45,7 +45,7 @@ contains
     logical, intent(in), optional :: library       !! a deck without bodies is no fault
     type(deck_source) :: source
     type(parameter_value), allocatable :: p(:)
-    type(text_buffer) :: text
+    type(text_buffer) :: text, files
     integer, allocatable :: list(:)                ! groups in reading order
     character(:), allocatable :: problem
     integer, allocatable :: kinds(:)               ! kind of each group of the list, 0: not to be read
@@ -56,6 +56,7 @@ contains
     d%name = deck_name(path)
     allocate (list(0), source%parts%overrides(0))
     source%tables = ''
+    source%table_files = ''
     if (present(settings)) then
       do k = 1, size(settings)
         call add_override(source, trim(settings(k)), '', 0, 0)
@@ -68,6 +69,7 @@ contains
     end if
     do k = 1, source%parts%source_count
       if (file_of(source%parts%sources(k)%path) < k) cycle
+      call files%add(source%parts%sources(k)%path//achar(0))
       if (k > 1) call text%add('! '//source%parts%sources(k)%path//achar(10))
       call text%add(source%parts%sources(k)%text)
     end do
@@ -96,6 +98,7 @@ contains
         exact_text(d%parameters(k)%value)//achar(10)
     end do
     d%text = text%all()//source%tables//d%settings
+    d%inputs = files%all()//source%table_files
     needed = .true.
     if (present(library)) needed = .not. library
     if (needed .and. source%names(in_body)%is_empty()) call source%faults%add(path, 0, '', 'no &body, expected at least one')

@@ -60,6 +60,7 @@ module deck_records
     character(:), allocatable :: path        !! as the user named it
     character(:), allocatable :: name        !! file name without folder and `.nml`
     character(:), allocatable :: text        !! the deck's text and that of its included files, for the summary
+    character(:), allocatable :: inputs      !! paths of all files that it reads, a null character behind each
     character(:), allocatable :: flat        !! the deck as one text of numbers (`deck_flat`)
     character(:), allocatable :: settings    !! NAME=VALUE of parameters that the command line sets, a line each
     type(parameter_record), allocatable :: parameters(:)

@@ -30,6 +30,7 @@ module deck_cursor
     procedure :: written
     procedure :: raw
     procedure :: file
+    procedure :: home
     procedure :: prefix
     procedure :: add_fault
   end type group_cursor
@@ -171,6 +172,13 @@ contains
     class(group_cursor), intent(in) :: self
     file = self%parts%groups(self%current)%file
   end function file
+
+  !> Number of the file whose names and folder a value of the open group means.
+  pure integer function home(self, token)
+    class(group_cursor), intent(in) :: self
+    type(value_token), intent(in) :: token
+    home = merge(token%scope, self%file(), token%scope > 0)
+  end function home
 
   !> What belongs in front of the names that the open group defines.
   pure function prefix(self)

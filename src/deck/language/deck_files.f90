@@ -7,7 +7,7 @@ module deck_files
   use deck_get, only: get
   use deck_keys, only: group_names, in_include
   use deck_lexer, only: split_groups
-  use deck_overrides, only: add_override, override_file
+  use deck_overrides, only: add_override, note_scopes, override_file
   use expression, only: is_name
   use deck_paths, only: path_from
   use deck_syntax, only: most_parts, string_value, value_token
@@ -46,6 +46,7 @@ contains
       deck%parts%assignment_count = assignments
       deck%parts%group_count = next - 1
     end do
+    call note_scopes(deck, next)
     last = deck%parts%group_count
     deck%parts%sources(file)%first_group = next
     deck%parts%sources(file)%last_group = last
@@ -103,7 +104,7 @@ contains
       deck%names%complete = .false.               ! what it would have defined is not known
       return
     end if
-    path = path_from(deck%parts%sources(file)%path, name)
+    path = path_from(deck%parts%sources(deck%home(deck%token(deck%assignment_of('file'), 1)))%path, name)
     call check_repeated(deck, path, file, prefix, problem)
     if (len(problem) == 0) then
       deck%parts%groups(number)%included = deck%parts%source_count + 1

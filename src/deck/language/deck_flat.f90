@@ -72,7 +72,7 @@ contains
                 call replace(s%text, token%first, token%first - 1, deck%parts%sources(token%part)%prefix, last)
               else if (deck%parts%assignments(a)%name == 'file') then      ! a table's
                 call deck%enter(g)
-                path = table_path(s%path, deck%word(token))
+                path = table_path(deck%parts%sources(deck%home(token))%path, deck%word(token))
                 do i = len(path), 1, -1                               ! a quote is doubled
                   if (path(i:i) == s%text(token%first - 1:token%first - 1)) path = path(:i)//path(i:)
                 end do

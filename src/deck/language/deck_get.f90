@@ -6,7 +6,7 @@ module deck_get
   use deck_input, only: deck_source
   use deck_key, only: expectation, in_range, is_whole, range_text
   use deck_keys, only: keys
-  use deck_numbers, only: read_real, read_integer, whole_number
+  use deck_numbers, only: read_integer, read_logical, read_real, whole_number
   use expression, only: with_unit
   use deck_syntax, only: value_token, bare_value, string_value, null_value, expression_value
   implicit none (type, external)
@@ -133,14 +133,9 @@ contains
     call single_value(deck, row, assignment, good)
     if (good) call check_form(deck, row, deck%token(assignment, 1), bare_value, expectation(keys(row)), good)
     if (.not. good) return
-    select case (lower(deck%word(deck%token(assignment, 1))))
-    case ('.true.', 'true', '.t.', 't')
-      x = .true.
-    case ('.false.', 'false', '.f.', 'f')
-      x = .false.
-    case default
-      call check_word(deck, row, deck%token(assignment, 1), 'is not a logical value, expected '//expectation(keys(row)), good)
-    end select
+    call read_logical(deck%word(deck%token(assignment, 1)), x, good)
+    if (.not. good) call check_word(deck, row, deck%token(assignment, 1), 'is not a logical value, expected '// &
+      expectation(keys(row)), good)
     if (good) call deck%mark_good(assignment)
   end subroutine get_logical
 

@@ -22,6 +22,7 @@ module deck_input
   type, extends(group_cursor), public :: deck_source
     type(name_table) :: names(group_kinds)
     character(:), allocatable :: tables        !! a line for each file of numbers, so that a restart notices a changed one
+    character(:), allocatable :: table_files   !! their paths, a null character behind each
     logical, allocatable :: body_known(:)      !! bodies whose kind and nodes are known
     logical :: choice_known = .true.           !! it is known what applies; otherwise everything does, and nothing is missing
     logical :: any_choice = .false.            !! it is not to be known

@@ -4,10 +4,10 @@ module deck_json
   use growing_text, only: text_buffer
   use readable_text, only: json_text
   use summary_text, only: json_number
-  use text, only: either, lower, to_text
+  use text, only: either, to_text
   use deck_cursor, only: group_cursor
   use deck_lexer, only: split_groups
-  use deck_numbers, only: read_integer, read_real
+  use deck_numbers, only: read_integer, read_logical, read_real
   use deck_syntax, only: string_value, value_token
   implicit none (type, external)
   private
@@ -48,23 +48,23 @@ contains
     character(:), allocatable :: text, problem
     real(wp) :: x                              ! [as the value]
     integer :: n
+    logical :: yes, known
     text = deck%word(token)
     n = 0
+    x = 0.0_wp
+    yes = .false.
     call read_integer(text, n, problem)
+    known = .false.
+    if (token%form /= string_value) call read_logical(text, yes, known)
     if (token%form == string_value) then
       text = json_text(text)
+    else if (known) then
+      text = either('true', 'false', yes)
     else if (len(problem) == 0) then
       text = to_text(n)
     else
-      x = 0.0_wp
-      call read_real(text, x, problem)
-      if (len(problem) == 0) then
-        text = json_number(x)
-      else if (scan(lower(text(1:min(2, len(text)))), 'tf') > 0 .and. (text(1:1) == '.' .or. len(text) == 1)) then
-        text = either('true', 'false', scan(lower(text(1:min(2, len(text)))), 't') > 0)
-      else
-        text = json_text(text)
-      end if
+      call read_real(text, x, problem)           ! a deck without faults has no other values
+      text = json_number(x)
     end if
   end function value_text
 end module deck_json

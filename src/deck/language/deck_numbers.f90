@@ -5,7 +5,7 @@ module deck_numbers
   use text, only: digits, lower, short_text
   implicit none (type, external)
   private
-  public :: read_real, read_integer, whole_number, check_range
+  public :: read_real, read_integer, read_logical, whole_number, check_range
 
   character(*), parameter :: out_of_range = 'is out of range, expected 0 or a magnitude from 1e-60 to 1e60'
   character(*), parameter :: out_of_integers = 'is out of range, expected a whole number up to 2147483647'
@@ -133,6 +133,22 @@ contains
       if (number) problem = 'is a real number, expected a whole number'
     end if
   end subroutine read_integer
+
+  !> A logical value. `known` tells whether it is one.
+  pure subroutine read_logical(word, x, known)
+    character(*), intent(in) :: word                     !! without blanks
+    logical, intent(inout) :: x                          !! unchanged if it is none
+    logical, intent(out) :: known
+    known = .true.
+    select case (lower(word))
+    case ('.true.', 'true', '.t.', 't')
+      x = .true.
+    case ('.false.', 'false', '.f.', 'f')
+      x = .false.
+    case default
+      known = .false.
+    end select
+  end subroutine read_logical
 
   !> 1 for a word that begins with a sign, else 0.
   pure integer function sign_length(word)

@@ -3,13 +3,15 @@
 !> that is told or printed of the deck has them.
 module deck_overrides
   use readable_text, only: printable
-  use text, only: digits, lower, nearest_word, quoted, to_text
+  use text, only: lower, nearest_word, quoted, to_text
   use deck_cursor, only: group_cursor
   use deck_keys, only: group_names
+  use deck_lexer, only: split_groups
+  use deck_numbers, only: read_integer
   use deck_syntax, only: override, string_value
   implicit none (type, external)
   private
-  public :: add_override, override_file, check_overrides, complain, written_as
+  public :: add_override, override_file, note_scopes, check_overrides, complain, written_as
 
 contains
 
@@ -21,7 +23,7 @@ contains
     character(*), intent(in) :: prefix         !! of the names of the part for which it holds
     integer, intent(in) :: include, line       !! the &include in which it stands, its line; 0: the command line
     type(override), allocatable :: more(:)
-    character(:), allocatable :: path
+    character(:), allocatable :: path, problem
     integer :: equals, first, last, bracket, k, n
     n = size(deck%parts%overrides)
     allocate (more(n + 1))
@@ -43,16 +45,63 @@ contains
       new%key = path(last + 1:)
       new%include = include
       new%line = line
+      new%target = 'parameter/'//new%name
+      if (new%plain) new%key = 'value'
       bracket = index(new%key, '(')
-      if (bracket > 0 .and. index(new%key, ')') == len(new%key)) then
-        if (len(new%key) > bracket + 1 .and. verify(new%key(bracket + 1:len(new%key) - 1), digits) == 0) then
-          if (len(new%key) - bracket < 10) read (new%key(bracket + 1:len(new%key) - 1), *) new%item
-          new%key = new%key(:bracket - 1)
-        end if
+      if (bracket > 0) then
+        call read_integer(new%key(bracket + 1:max(bracket, len(new%key) - 1)), new%item, problem)
+        if (len(problem) > 0 .or. new%item < 1 .or. new%key(len(new%key):) /= ')') new%item = -1
+        new%key = new%key(:bracket - 1)
       end if
+      if (.not. new%plain) new%values = value_count(new%value)
     end associate
     call move_alloc(more, deck%parts%overrides)
   end subroutine add_override
+
+  !> Number of values in a text as it may stand behind a key; -1: there is something else in it.
+  integer function value_count(text) result(n)
+    character(*), intent(in) :: text
+    type(group_cursor) :: trial
+    call trial%parts%add_source('', '&x k='//text//' /'//achar(10), 0, '')
+    call split_groups(trial, 1)
+    n = -1
+    if (trial%faults%count > 0 .or. trial%parts%group_count /= 1 .or. trial%parts%assignment_count /= 1) return
+    call trial%enter(1)
+    n = trial%tokens(1)
+  end function value_count
+
+  !> Whether a setting holds for a group of the deck, which is then open.
+  logical function meant(deck, k, g) result(yes)
+    class(group_cursor), intent(inout) :: deck
+    integer, intent(in) :: k, g                !! the setting, the group
+    call deck%enter(g)
+    yes = deck%group_word(g) == deck%parts%overrides(k)%group
+    if (yes .and. len(deck%parts%overrides(k)%name) > 0) yes = lower(deck%prefix()//deck%peek('name')) == &
+      deck%parts%overrides(k)%name
+  end function meant
+
+  !> Notes of the values that settings have written into a file that is split for the last time in which file they were written:
+  !> its names and its folder are meant.
+  subroutine note_scopes(deck, first_group)
+    class(group_cursor), intent(inout) :: deck
+    integer, intent(in) :: first_group         !! of the file, the last so far
+    integer :: k, g, a, first, last
+    do k = size(deck%parts%overrides), 1, -1   ! as they were written
+      if (deck%parts%overrides(k)%plain .or. deck%parts%overrides(k)%values < 1) cycle
+      do g = first_group, deck%parts%group_count
+        if (.not. meant(deck, k, g)) cycle
+        a = deck%assignment_of(deck%parts%overrides(k)%key)
+        if (a == 0) cycle
+        first = deck%parts%assignments(deck%head + a)%first_value
+        last = first + deck%tokens(a) - 1
+        if (deck%parts%overrides(k)%item > 0) first = first + deck%parts%overrides(k)%item - 1
+        if (deck%parts%overrides(k)%item > 0) last = min(first, last)
+        deck%parts%values(first:last)%scope = 1
+        if (deck%parts%overrides(k)%include > 0) deck%parts%values(first:last)%scope = &
+          deck%parts%groups(deck%parts%overrides(k)%include)%file
+      end do
+    end do
+  end subroutine note_scopes
 
   !> Writes what holds for the groups of a file into its text, one setting at a time: changed is which one, 0 none. The file
   !> has to be split again after each.
@@ -66,30 +115,23 @@ contains
     do while (next > 0 .and. .not. changed)
       chosen = 0                               ! changed when all groups were looked at: places behind it move
       do g = first_group, deck%parts%group_count
-        if (.not. meant(next, g)) cycle
+        if (.not. meant(deck, next, g)) cycle
         deck%parts%overrides(next)%uses = deck%parts%overrides(next)%uses + 1
+        deck%parts%overrides(next)%target = deck%group_word(g)//'/'//lower(deck%prefix()//deck%peek('name'))
         if (chosen == 0 .and. deck%parts%groups(g)%readable .and. deck%parts%groups(g)%slash > 0) chosen = g
       end do
       if (chosen > 0) call change(next, chosen)
       next = next - 1
     end do
   contains
-    !> Whether a setting holds for a group.
-    logical function meant(k, g) result(yes)
-      integer, intent(in) :: k, g
-      call deck%enter(g)
-      yes = deck%group_word(g) == deck%parts%overrides(k)%group
-      if (yes .and. len(deck%parts%overrides(k)%name) > 0) yes = lower(deck%prefix()//deck%peek('name')) == &
-        deck%parts%overrides(k)%name
-    end function meant
-
     !> Writes a setting into a group.
     subroutine change(k, g)
       integer, intent(in) :: k, g
       integer :: a, begin, end
       call deck%enter(g)
       associate (group => deck%parts%groups(g), new => deck%parts%overrides(k), text => deck%parts%sources(file)%text)
-        changed = .true.
+        changed = new%item >= 0 .and. new%values >= 0 .and. (new%item == 0 .or. new%values == 1)
+        if (.not. changed) return
         a = deck%assignment_of(new%key)
         if (len(new%key) == 0) then
           call put(group%first - 1, group%slash, '')
@@ -149,12 +191,12 @@ contains
     end subroutine put
   end subroutine override_file
 
-  !> Reports settings that hold for no group, for several, or for no value of a list.
+  !> Reports settings that hold for no group, for several, or for no value of a list, that have no value, or that set a key again.
   subroutine check_overrides(deck, path)
     class(group_cursor), intent(inout) :: deck
     character(*), intent(in) :: path           !! of the deck, for messages
     character(:), allocatable :: problem
-    integer :: k, near
+    integer :: j, k, near
     do k = 1, size(deck%parts%overrides)
       associate (one => deck%parts%overrides(k))
         problem = ''
@@ -170,10 +212,26 @@ contains
           problem = 'names '//to_text(one%uses)//' groups of the deck, expected one: GROUP/NAME/KEY=VALUE'
         else if (one%item < 0) then
           problem = 'names no single value, expected the number of one that the deck states, without a repeat count'
+        else if (one%values < 0) then
+          problem = 'has no value as decks have it, expected one, or a list of them, alone'
+        else if (one%item > 0 .and. one%values /= 1) then
+          problem = 'has '//to_text(one%values)//' values, expected the one that it names'
+        else if (any([(set_before(j, k), j=1, size(deck%parts%overrides))])) then
+          problem = 'sets '//one%target//'/'//one%key//' twice, expected one value'
         end if
         if (len(problem) > 0) call complain(deck, path, one%include, one%line, written_as(one)//problem)
       end associate
     end do
+  contains
+    !> Whether a setting sets what another one has set before it, or sets as the value of a parameter.
+    pure logical function set_before(j, k) result(yes)
+      integer, intent(in) :: j, k
+      associate (one => deck%parts%overrides(j), other => deck%parts%overrides(k))
+        yes = (j < k .or. one%plain) .and. one%include == other%include .and. one%target == other%target .and. &
+              (one%key == other%key .or. min(len(one%key), len(other%key)) == 0) .and. &
+              (one%item == other%item .or. one%item*other%item == 0)
+      end associate
+    end function set_before
   end subroutine check_overrides
 
   !> A setting as it stands on the command line or in its &include, with a blank behind it.

@@ -71,6 +71,7 @@ contains
       p(k)%text = deck%raw(token%first, token%last)
       p(k)%shown = 'value='//p(k)%text//' '
       p(k)%line = token%line
+      p(k)%file = deck%home(token)
       p(k)%token = token%position
       p(k)%state = untouched
       if (token%form == expression_value) p(k)%text = inside(p(k)%text)
@@ -219,7 +220,7 @@ contains
                 token%number = deck%parts%values(v - 1)%number
               end if
               if (token%form /= expression_value .or. token%copy) cycle
-              call compute(inside(deck%raw(token%first, token%last)), deck%file(), token%number, needed, problem, good)
+              call compute(inside(deck%raw(token%first, token%last)), deck%home(token), token%number, needed, problem, good)
               if (good) cycle
               token%form = bad_value
               if (len(problem) > 0) call deck%add_fault(token%line, trim(deck%parts%assignments(a)%name)//'='// &

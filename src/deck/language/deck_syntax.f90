@@ -33,6 +33,7 @@ module deck_syntax
     integer :: line = 0
     integer :: position = 0   !! among all values
     logical :: copy = .false. !! of the value before it, by a repeat count
+    integer :: scope = 0      !! number of the file whose names and folder it means; 0: of that in which it stands
     integer :: part = 0       !! of a name: number of the file whose prefix belongs in front of it; 0: none
     real(wp) :: number = huge(1.0_wp)   !! value of an expression, huge: not computed yet [as the variable]
   end type value_token
@@ -82,6 +83,8 @@ module deck_syntax
     character(:), allocatable :: group, name    !! in lower case, the name with its prefix; '': the only group of its kind
     character(:), allocatable :: key, value     !! '': the group goes; '': the key goes
     integer :: item = 0                         !! number of a value of a list, 0: all of it; -1: there is none
+    integer :: values = 1                       !! how many it has; -1: something else stands there
+    character(:), allocatable :: target         !! the group for which it holds, `kind/name`
     integer :: include = 0, line = 0            !! the &include in which it stands, its line; 0: the command line
     integer :: uses = 0                         !! groups for which it holds
   end type override

@@ -1,11 +1,11 @@
 !> Tables of numbers in files as they come from spreadsheets, measurements and biela itself:
 !> - semicolons, tabs, commas or blanks separate columns
-!> - numbers may stand in quotes, and have decimal commas where commas cannot be separators
-!> - headings, empty lines and comments after #, ! or % are passed over.
+!> - numbers may stand in quotes, and have decimal commas; beside commas that separate, one of thousands is refused
+!> - empty lines, comments after #, ! or %, and headings, which have no number in a column that is read, are passed over.
 module deck_tables
   use kinds, only: wp
   use readable_text, only: lf, printable, tab
-  use text, only: to_text
+  use text, only: digits, to_text
   use deck_numbers, only: read_real
   implicit none (type, external)
   private
@@ -22,37 +22,43 @@ contains
     real(wp), allocatable :: found(:, :)
     real(wp) :: row(2)
     character(1) :: separator
-    integer :: first, last, line, n
+    integer :: first, last, line, n, pass
+    logical :: any_number, settled
     n = 0
     do last = 1, len(content)
       if (content(last:last) == lf) n = n + 1
     end do
     allocate (found(2, n))
-    problem = ''
-    n = 0
-    line = 0
-    first = 1
-    do while (first <= len(content) .and. len(problem) == 0)
-      last = first + index(content(first:), lf) - 2
-      line = line + 1
-      if (.not. is_comment(content(first:last))) then
-        if (n == 0) separator = separator_of(content(first:last))
-        call read_row(content(first:last), separator, columns, row, problem)
-        if (len(problem) == 0) then
-          n = n + 1
-          found(:, n) = row
-        else if (n == 0) then
-          problem = ''                                     ! a heading
-        else
-          problem = 'line '//to_text(line)//' '//problem
+    settled = .false.                                      ! the first whole row tells how all lines are separated, headings too
+    do pass = 1, 2
+      problem = ''
+      n = 0
+      line = 0
+      first = 1
+      do while (first <= len(content) .and. len(problem) == 0)
+        last = first + index(content(first:), lf) - 2
+        line = line + 1
+        if (.not. is_comment(content(first:last))) then
+          if (.not. settled) separator = separator_of(content(first:last))
+          call read_row(content(first:last), separator, columns, row, any_number, problem)
+          if (len(problem) == 0) then
+            n = n + 1
+            found(:, n) = row
+            settled = .true.
+            if (pass == 1) exit
+          else if (pass == 1 .or. (n == 0 .and. .not. any_number)) then
+            problem = ''                                   ! a heading
+          else
+            problem = 'line '//to_text(line)//' '//problem
+          end if
         end if
-      end if
-      first = last + 2
+        first = last + 2
+      end do
     end do
     x = found(1, :n)
     y = found(2, :n)
-    if (n == 0) problem = 'has no row with numbers in columns '//to_text(columns(1))//' and '//to_text(columns(2))// &
-      ', expected rows of numbers'
+    if (n == 0 .and. len(problem) == 0) problem = 'has no row with numbers in columns '//to_text(columns(1))//' and '// &
+      to_text(columns(2))//', expected rows of numbers'
   end subroutine read_columns
 
   !> Whether a line holds nothing but blanks or a comment.
@@ -86,25 +92,29 @@ contains
   end function separator_of
 
   !> The numbers in two columns of a line.
-  subroutine read_row(line, separator, columns, row, problem)
+  subroutine read_row(line, separator, columns, row, any_number, problem)
     character(*), intent(in) :: line
     character(1), intent(in) :: separator
     integer, intent(in) :: columns(2)
     real(wp), intent(out) :: row(2)                        !! [as the file]
-    character(:), allocatable, intent(out) :: problem
-    character(:), allocatable :: word
+    logical, intent(out) :: any_number                     !! one of them has a number
+    character(:), allocatable, intent(out) :: problem      !! with the first that has none
+    character(:), allocatable :: word, fault
     integer :: k
     row = 0.0_wp
+    any_number = .false.
+    problem = ''
     do k = 1, 2
       word = field(line, separator, columns(k))
       if (len(word) == 0) then
-        problem = 'has nothing in column '//to_text(columns(k))//', expected a number'
+        fault = 'has nothing in column '//to_text(columns(k))//', expected a number'
       else
-        call read_real(word, row(k), problem)
-        if (len(problem) > 0) problem = 'has '''//printable(word, 40)//''' in column '//to_text(columns(k))// &
-          ', which '//problem
+        call read_real(word, row(k), fault)
+        any_number = any_number .or. len(fault) == 0
+        if (may_be_thousands(word)) fault = 'may have a comma of thousands or of decimals, expected a decimal point'
+        if (len(fault) > 0) fault = 'has '''//printable(word, 40)//''' in column '//to_text(columns(k))//', which '//fault
       end if
-      if (len(problem) > 0) return
+      if (len(problem) == 0) problem = fault
     end do
   end subroutine read_row
 
@@ -140,6 +150,17 @@ contains
     end do
     word = trim(adjustl(word))
     comma = index(word, ',')
+    if (separator == ',' .and. may_be_thousands(word)) return
     if (comma > 0) word(comma:comma) = '.'
   end function field
+
+  !> Whether a comma in a number may part thousands, as in 1,250: one to three digits, the first not 0, and three behind it.
+  pure logical function may_be_thousands(word) result(yes)
+    character(*), intent(in) :: word
+    integer :: first, comma
+    first = 1 + scan(word(:min(1, len(word))), '+-')
+    comma = index(word, ',')
+    yes = comma > first .and. comma <= first + 3 .and. len(word) == comma + 3
+    if (yes) yes = verify(word(first:comma - 1)//word(comma + 1:), digits) == 0 .and. word(first:first) /= '0'
+  end function may_be_thousands
 end module deck_tables

@@ -193,14 +193,15 @@ contains
     integer, intent(inout) :: drive        !! number of the drive, 0 if it names none
     integer, parameter :: kinds(2) = [in_force, in_drive]
     character(:), allocatable :: value, best
-    integer :: found(2), part, k
+    integer :: found(2), home, part, k
     call get(deck, row, value)
     if (.not. allocated(value)) return
+    home = deck%home(deck%token(deck%assignment_of(keys(row)%name), 1))
     best = ''
     do k = 1, 2
-      call deck%find(deck%file(), kinds(k), value, found(k), part)
+      call deck%find(home, kinds(k), value, found(k), part)
       if (found(k) > 0) call note_part(deck, row, 1, part)
-      if (len(best) == 0) call deck%nearest(deck%file(), kinds(k), value, best)
+      if (len(best) == 0) call deck%nearest(home, kinds(k), value, best)
     end do
     force = max(found(1), 0)
     drive = max(found(2), 0)
@@ -219,18 +220,19 @@ contains
     integer, intent(inout) :: number      !! receives the number of the thing, 0: the ground
     logical, intent(out) :: good          !! whether it names something
     character(:), allocatable :: best
-    integer :: found, part
+    integer :: found, home, part
     good = kind == in_body .and. lower(value) == 'ground'
     if (good) number = 0
     if (good) return
-    call deck%find(deck%file(), kind, value, found, part)
+    home = deck%home(deck%token(deck%assignment_of(keys(row)%name), k))
+    call deck%find(home, kind, value, found, part)
     good = found > 0
     if (good) number = found
     if (good) call note_part(deck, row, k, part)
     if (good) return
     call deck%mark_faulty(keys(row)%name)
     if (found == doubtful) return
-    call deck%nearest(deck%file(), kind, value, best)
+    call deck%nearest(home, kind, value, best)
     call names_nothing(deck, row, value, trim(group_names(kind)), best)
   end subroutine resolve
 

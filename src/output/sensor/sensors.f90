@@ -49,7 +49,7 @@ contains
     type(marker_table) :: markers
     integer :: k, n
     n = size(d%sensors)
-    allocate (list%sensors(n), list%first(n), list%column(6*n))
+    allocate (list%sensors(n), list%first(n), list%column(n))
     markers = begin_markers(size(m%s%bodies))
     do k = 1, n
       call make_sensor(d, k, m, markers, list%sensors(k)%item, own)
@@ -60,6 +60,9 @@ contains
       list%first(k) = list%columns + 1
       own = own%of(trim(d%sensors(k)%name))
       own%quantity = d%sensors(k)%quantity
+      do while (size(list%column) < list%columns + size(own))
+        list%column = [list%column, list%column]
+      end do
       list%column(list%columns + 1:list%columns + size(own)) = own
       list%columns = list%columns + size(own)
     end do
