@@ -330,7 +330,7 @@ OWN = """&body name='x' mass=1 inertia=1 /
 &sensor name='acc' quantity='acceleration' body='x' /
 &transient t_end=1 method='rk4' step=1e-2 output_step=0.25 /
 """
-ALL = "static modes poles frequency_response floquet orbit history energy motion events summary".split()
+ALL = ["static", "modes", "poles", "frequency_response", "floquet", "orbit", "history", "energy", "motion", "events", "summary"]
 
 
 @pytest.fixture
