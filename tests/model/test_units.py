@@ -182,7 +182,8 @@ def test_steady_turn_of_a_sprung_link(run_deck, scale, stiffness, spin):
 def carried_line(u, words):
     """Return a damped beam that carries a slider's line; a damper from the slider to the ground turns with the body."""
     return f"""&scene gravity=0.0,{u(-9.81, length=1, time=-2)} /
-&material name='m' density={u(2000.0, mass=1, length=-3)} young={u(2e8, mass=1, length=-1, time=-2)} rayleigh_stiffness={u(1e-4, time=1)} /
+&material name='m' density={u(2000.0, mass=1, length=-3)} young={u(2e8, mass=1, length=-1, time=-2)}
+  rayleigh_stiffness={u(1e-4, time=1)} /
 &section name='s' shape='rectangle' width={u(0.02, length=1)} height={u(0.01, length=1)} /
 &body name='b' kind='beam' length={u(0.4, length=1)} elements=2 material='m' section='s' /
 &body name='c' kind='rigid' mass={u(0.4, mass=1)} inertia={u(1e-3, mass=1, length=2)} angle=0.2

@@ -154,7 +154,7 @@ __attribute__((destructor)) static void tell(void) { fprintf(stderr, "allocation
 
 @pytest.mark.parametrize("method", ["rk4", "dopri5", "radau", "generalized_alpha"])
 def test_turns_made_cost_nothing(run_deck, method):
-    """The last digits of a large angle open a joint; no correction mends that, and none may be tried. A second loop stays as closed."""
+    """The last digits of a large angle open a joint; which no correction mends: none is tried. A second chain stays as closed."""
 
     def run(turns):
         deck = f"""&scene gravity=0,-9.81 /
