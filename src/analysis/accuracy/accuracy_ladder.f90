@@ -17,6 +17,10 @@ module accuracy_ladder
   integer, parameter, public :: under_way = 0, finished = 1, given_up = 2, lost_pass = 3
 
   integer, parameter :: most_halvings = 30     !! of steps: more than a run could take
+  real(wp), parameter :: first_look = 300.0_wp !! cost of some forty steps of dopri5, the first ones among them [-]
+  real(wp), parameter :: limited = 0.5_wp      !! steps over the stable one from which stability may set them [-]
+  real(wp), parameter :: dearer = 3.0_wp       !! passes of radau, with the finer ones that follow, beside those of dopri5 [-]
+  real(wp), parameter :: little = 0.25_wp      !! what a pass may cost more than its budget where that is all that is left [-]
   integer, parameter :: most_slow = 3          !! passes in a row that do not halve the least difference: it does not converge
   real(wp), parameter, public :: half = 0.5_wp      !! what a finer pass leaves of a difference that converges, at most [-]
   real(wp), parameter, public :: tighter = 0.1_wp   !! tolerance of a pass, of that before it [-]
@@ -27,7 +31,10 @@ module accuracy_ladder
     character(24) :: method = ''
     logical :: fixed = .false.                !! refined by its step, not by a tolerance
     real(wp) :: setting = 0.0_wp              !! tolerance [-] or step [s]
-    real(wp) :: budget = huge(1.0_wp)         !! cost at which it is given up, in explicit evaluations [-]
+    logical :: watched = .false.              !! given up where another method may be cheaper
+    real(wp) :: budget = huge(1.0_wp)         !! cost that it may have by then, in explicit evaluations [-]
+    real(wp) :: next = first_look             !! cost at which is looked at it again [-]
+    real(wp) :: looked(2) = 0.0_wp            !! cost [-] and time [s] of the last look
     integer :: outcome = under_way
     real(wp) :: cost = 0.0_wp                 !! [-]
     real(wp) :: reached = 0.0_wp              !! [s]
@@ -55,6 +62,7 @@ module accuracy_ladder
     procedure :: begin
     procedure :: set
     procedure :: delivered
+    procedure :: look
     procedure :: end_pass
     procedure :: words
     procedure :: exchange
@@ -62,35 +70,55 @@ module accuracy_ladder
 
 contains
 
-  !> The first pass. Radau runs first where anything vibrates; it is given up for dopri5 at a third of what that costs at its stable
-  !> step, since radau mostly takes two finer passes, which cost more, and steps of dopri5 hardly depend on its tolerance. Where
-  !> stops yield, that step is not known before they touch.
+  !> The first pass. Dopri5 runs first, unless stops yield: where they stay closed its steps fall, and nothing tells by how much.
   subroutine begin(self, d, stable, columns)
     class(pass_ladder), intent(inout) :: self
     type(deck), intent(in) :: d
     real(wp), intent(in) :: stable(2)         !! steps of rk4 and dopri5; huge: nothing limits them [s]
     integer, intent(in) :: columns            !! that are compared
-    type(tableau) :: dopri5
-    logical :: vibrates                       ! or may do so, where stops yield
     self%active = .true.
     self%asked = d%transient
     self%stable = stable
-    vibrates = stable(2) < huge(1.0_wp) .or. .not. all(d%stops%rigid)
     self%estimates = d%transient%check_error
     self%accuracy = smallest_accuracy(d)
     allocate (self%passes(0), self%apart(columns + 1, 0))
-    associate (r => d%transient)
+    associate (r => d%transient, yield => .not. all(d%stops%rigid))
       if (self%estimates) then
         call add(self, pass_record(r%method, .not. r%adaptive, merge(r%tolerance, r%step, r%adaptive)))
-      else if (.not. r%free_method) then
-        call take_method(self, r%method)
       else
-        call take_method(self, either('radau', 'dopri5', vibrates))
-        dopri5 = method_tableau('dopri5')     ! and an evaluation behind the projection
-        if (vibrates .and. all(d%stops%rigid)) self%passes%budget = (dopri5%stages + 1)*r%t_end/stable(2)/3
+        call take_method(self, either(either('radau', 'dopri5', yield), r%method, r%free_method))
+        self%passes%watched = r%free_method .and. .not. yield
       end if
     end associate
   end subroutine begin
+
+  !> Gives up a pass under way. One of dopri5: where stability sets its steps and it has not done half of its work, radau
+  !> may be cheaper, in steps of the motion. One of radau: where it comes to cost more than a part of what dopri5 would, by the steps
+  !> that this took. What is left is told by the steps since the last look: the start of a run is often dearer than the rest.
+  pure subroutine look(self, cost, t, give_up)
+    class(pass_ladder), intent(inout) :: self
+    real(wp), intent(in) :: cost              !! so far [-]
+    real(wp), intent(in) :: t                 !! [s]
+    logical, intent(inout) :: give_up
+    type(tableau) :: dopri5
+    real(wp) :: rest                          ! cost of what is left [-]
+    associate (pass => self%passes(self%count))
+      if (.not. (pass%watched .and. cost > pass%next .and. t > pass%looked(2))) return
+      associate (spent => cost - pass%looked(1), done => t - pass%looked(2))
+        rest = (self%asked%t_end - t)*spent/done
+        if (pass%method == 'dopri5') then
+          dopri5 = method_tableau('dopri5')   ! and an evaluation behind the projection
+          give_up = give_up .or. (done*(dopri5%stages + 1)/spent > limited*self%stable(2) .and. rest > cost)
+          pass%next = 2*cost
+          pass%budget = cost + rest
+        else
+          give_up = give_up .or. (cost >= pass%budget .and. cost + rest > (1 + little)*pass%budget)
+          pass%next = merge(cost + rest, min(2*cost, pass%budget), cost >= pass%budget)
+        end if
+      end associate
+      pass%looked = [cost, t]
+    end associate
+  end subroutine look
 
   !> The smallest accuracy that a deck asks of its columns.
   pure real(wp) function smallest_accuracy(d) result(accuracy)
@@ -206,6 +234,10 @@ contains
     else if (pass%outcome == given_up .or. pass%outcome == lost_pass .and. self%asked%free_method) then
       self%over = .false.
       call take_method(self, either('radau', 'dopri5', pass%method == 'dopri5'))
+      associate (next => self%passes(self%count))
+        next%watched = pass%outcome == given_up .and. next%method == 'radau'
+        next%budget = pass%budget/dearer
+      end associate
     else if (all(apart <= 1.0_wp)) then
       return
     else if (all(apart <= 1.0_wp .or. is_slow(self%apart))) then

@@ -43,7 +43,6 @@ contains
     if (run%restart) call march%rows%exchange(run%saved)
     do
       call march%ladder%set(run%d%transient)
-      march%budget = march%ladder%passes(march%ladder%count)%budget
       run%stable_step = huge(1.0_wp)
       if (method_number(run%d%transient%method) > 0) run%stable_step = run%stable_steps(method_number(run%d%transient%method))
       call run_transient(run, march, fail)

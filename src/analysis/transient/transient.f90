@@ -183,6 +183,7 @@ contains
         if (march%pilot .or. march%ladder%active) then
           march%stopped = run%late() .and. (march%pilot .or. march%ladder%delivered() > 0)
           if (march%cost(run) > march%budget) march%stopped = .true.
+          if (march%ladder%active) call march%ladder%look(march%cost(run), march%method%t, march%stopped)
         end if
         if (march%stopped .and. outcome == paused) return
         if (outcome == paused) call interrupt(run, march, fail)
