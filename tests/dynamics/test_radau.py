@@ -54,6 +54,28 @@ def test_order_five_of_every_column(scene, errors):
         assert 4.6 < np.log2(coarse[column] / fine[column]) < 5.4, column
 
 
+@pytest.mark.parametrize(("history", "low", "high"), [("0,0,0,0,1e8", 3.0, 5.2), ("1", 0.7, 2.0)])
+def test_order_of_a_fine_beam_is_that_of_its_start(history, low, high, run_deck):
+    """A torque that begins as t^4, and one that jumps: the modes that it sets off fall as the power 3/2 of their frequencies."""
+    deck = f"""&material name='m' density=2700 young=7e10 /
+&section name='s' shape='rectangle' width=0.01 height=0.01 /
+&body name='b' kind='beam' length=0.5 elements=32 material='m' section='s' /
+&joint name='j' type='revolute' body_a='b' node_a=1 /
+&history name='h' kind='polynomial' coefficients={history} /
+&force name='f' type='torque' body='b' node=1 moment=1 history='h' /
+&sensor name='tip' quantity='position' body='b' node=-1 /
+&sensor name='mid' quantity='deflection' body='b' node=17 /
+&sensor name='turn' quantity='angular_velocity' body='b' /
+&sensor name='pin' quantity='reaction' joint='j' /
+&transient t_end=0.01 output_step=1e-3 method='radau' step={{}} /
+"""
+    coarse, fine, truth = (run_deck(deck.format(step), name=f"h{step}").history for step in (1e-3, 6.25e-5, 7.8125e-6))
+    columns = ["tip.y", "mid.v", "turn", "pin.fy"] if high > 3 else ["tip.y", "mid.v"]
+    for column in columns:
+        a, b = (np.abs(x[column] - truth[column]).max() for x in (coarse, fine))
+        assert low < np.log2(a / b) / 4 < high, column
+
+
 @pytest.mark.parametrize(("scene", "tolerance"), TOLERANCES)
 def test_every_column_keeps_within_a_hundred_tolerances(scene, tolerance, errors):
     found = errors(scene, f"tolerance={tolerance}")

@@ -92,9 +92,9 @@ contains
     end associate
   end subroutine begin
 
-  !> Gives up a pass under way. One of dopri5: where stability sets its steps and it has not done half of its work, radau
-  !> may be cheaper, in steps of the motion. One of radau: where it comes to cost more than a part of what dopri5 would, by the steps
-  !> that this took. What is left is told by the steps since the last look: the start of a run is often dearer than the rest.
+  !> Gives up a pass under way. One of dopri5: where stability sets its steps and it has not done half of its work, radau may be
+  !> cheaper, in steps of the motion. One of radau: where it comes to cost more than a part of what dopri5 would, by the steps that
+  !> this took. What is left is told by the steps since the last look: the start of a run is often dearer than the rest.
   pure subroutine look(self, cost, t, give_up)
     class(pass_ladder), intent(inout) :: self
     real(wp), intent(in) :: cost              !! so far [-]
