@@ -92,6 +92,8 @@ class Design:
     errors: np.ndarray  # of the values, 0 where they were not measured
     reason: str  # why the run failed, '' where it did not
     differences: list = field(default_factory=list)  # from what was measured, of each misfit
+    warnings: tuple[str, ...] = ()  # what the solver warned of
+    outside: bool = False  # whether it was left out since the model does not hold for its motion
 
     @property
     def ok(self) -> bool:
@@ -102,8 +104,10 @@ class Design:
 class DesignRuns(StudyRuns):
     """Makes runs of designs, each once."""
 
-    def __init__(self, study: Study, deck: Deck, options: StudyOptions, folder: Path) -> None:
+    def __init__(self, study: Study, deck: Deck, options: StudyOptions, folder: Path, only_within: bool = False) -> None:
+        """Take a study; only_within: designs for whose motion the model does not hold count as failed."""
         super().__init__(replace(study, extremes=True), deck, options, folder)
+        self.only_within = only_within
         self.made: list[Design] = []  # in the order in which they were asked for, without those that only measure errors
         self.seen: dict[str, Design] = {}
         self.checked = 0
@@ -147,4 +151,8 @@ class DesignRuns(StudyRuns):
             self.units = entry["units"]
             missing = [one.name for one, value in zip(self.study.scalars, entry["values"]) if not np.isfinite(value)]
             reason = f"the run has no {missing[0]}" if missing else ""
-        return Design(point, values, extremes, errors, reason, entry.get("differences", []))
+        left_out = self.only_within and entry["outside"] and not reason
+        if left_out:
+            reason = f"the model does not hold for its motion ({entry['warnings'][0]}); --allow-warnings lets it count"
+        told = tuple(entry["warnings"]), left_out
+        return Design(point, values, extremes, errors, reason, entry.get("differences", []), *told)

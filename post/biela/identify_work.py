@@ -135,7 +135,7 @@ def identify(options: StudyOptions) -> Identified:
     _, singular, directions = np.linalg.svd(slopes / (1.0 if stated else misfit or 1.0), full_matrices=False)
     tail = 0.5 + 0.5 * SURE
     factor = float(stats.norm.ppf(tail) if stated else stats.t.ppf(tail, degrees))
-    notes = list(search.notes) + runs.journal.warnings
+    notes = list(search.notes) + runs.journal.warnings + [f"the solver warns: {words}" for words in best.warnings]
     if stated and stats.chi2.sf(misfit**2 * degrees, degrees) < 1.0e-3:
         notes.append("the differences are larger than the stated errors allow: the model or these are wrong; intervals too small")
     at_ends = [one.name for one, unit in zip(space.free, position) if min(unit, 1.0 - unit) < INSIDE]

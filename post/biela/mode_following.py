@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from .sweep_scalars import Scalar
 from .sweep_study import Parameter, Study
 
 ALIKE = 0.5  # of orthogonal shapes one alone is more than half like another
@@ -37,7 +38,7 @@ class Followed:
         self.shapes: list[dict[int, np.ndarray]] = []
 
     def take(self, study: Study, entries: list[dict]) -> list[dict]:
-        """Return the entries of a study's points with the values of its vibrations; a run without a like one fails."""
+        """Return the entries of a study's points with the values of its vibrations, NaN and a warning where none is like them."""
         found = list(entries)
         places = np.array([[place_of(one, point[one.name]) for one in self.parameters] for point in study.points])
         left = [k for k, entry in enumerate(entries) if not entry["reason"]]
@@ -53,8 +54,8 @@ class Followed:
             k = min(left, key=lambda k: distance[k])
             left.remove(k)
             picked = {mode: _best(shape, vibrations[k]) for mode, shape in nearest[k].items()}
-            found[k] = _told(study, entries[k], picked)
-            if not found[k]["reason"]:
+            found[k], followed = _told(study, entries[k], picked)
+            if followed:
                 if not self.places:
                     distance[:] = np.inf
                 self.places.append(places[k].tolist())
@@ -84,15 +85,20 @@ def _reach(places: np.ndarray, place: list[float], shapes: dict, distance: np.nd
         distance[k], nearest[k] = away[k], shapes
 
 
-def _told(study: Study, entry: dict, picked: dict[int, tuple]) -> dict:
-    """Return an entry with the values of the vibrations that were picked, or with the reason why there are none."""
+def _told(study: Study, entry: dict, picked: dict[int, tuple]) -> tuple[dict, bool]:
+    """Return an entry with the values of the vibrations that were picked, NaN and a warning where none is alike; are all?"""
+    words = []
     for mode, (alike, _) in picked.items():
         if alike < 0.0:
-            reason = "modes.txt: other bodies or meshes than the study's deck, whose shapes cannot be followed"
+            words.append(f"mode {mode}: other bodies or meshes than the study's deck, whose shapes cannot be followed")
         elif alike < ALIKE:
-            reason = f"no vibration is like mode {mode} of the design nearest to this one (at most {alike:.2g} of 1)"
-        else:
-            continue
-        return {**entry, "values": [], "units": [], "reason": reason}
-    both = zip(study.scalars, entry["values"])
-    return {**entry, "values": [picked[one.mode][1][one.measure == "damping_ratio"] if one.mode else value for one, value in both]}
+            words.append(f"no vibration is like mode {mode} of the design nearest to this one (at most {alike:.2g} of 1)")
+
+    def value(one: Scalar, measured: float) -> float:
+        if not one.mode:
+            return measured
+        alike, vibration = picked[one.mode]
+        return vibration[one.measure == "damping_ratio"] if alike >= ALIKE else math.nan
+
+    values = [value(*both) for both in zip(study.scalars, entry["values"])]
+    return {**entry, "values": values, "warnings": [*entry["warnings"], *words]}, not words

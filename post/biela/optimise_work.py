@@ -15,8 +15,9 @@ from .deck import flat_text
 from .derivatives import derivatives
 from .design_runs import Design, DesignRuns, RunsOverError, Space
 from .design_search import Goal, Limit, Search, scales_of
-from .optimum import ACTIVE, Optimum, position_of
+from .optimum import ACTIVE, MET, Optimum, position_of
 from .result_files import HistoryError, remove_noted, writing
+from .run_warnings import told_once
 from .sweep_run import settings_of
 from .sweep_scalars import LARGEST
 from .sweep_study import Study, StudyOptions
@@ -133,7 +134,7 @@ def _analyse_optimum(runs: DesignRuns, space: Space, found: Optimum) -> None:
     for limit in goal.limits:
         margin = limit.sign * (limit.bound - best.values[limit.column])
         size = max(abs(limit.bound), goal.scales[limit.column])
-        if margin <= max(ACTIVE * size, found.errors[limit.column]):
+        if margin <= max(MET * size, found.errors[limit.column]):
             columns.append(-limit.sign * slopes[limit.column] / goal.scales[limit.column])
             active.append(limit)
     for k, unit in enumerate(found.position):
@@ -150,6 +151,8 @@ def _analyse_optimum(runs: DesignRuns, space: Space, found: Optimum) -> None:
     factors, left = nnls(np.vstack([np.array([*columns, *(-one for one in several)]).T, sums]), np.append(0.0 * down, heavy))
     found.residual = float(left), float(np.linalg.norm(errors[goal.column] / goal.scales[goal.column]))
     for limit, factor in zip(active, factors):
+        if factor == 0.0:  # loosening it would not move the optimum
+            continue
         change = -goal.sign * limit.sign * factor * goal.scales[goal.column] / goal.scales[limit.column]
         found.prices[found.names[limit.column]] = float(change)
 
@@ -199,10 +202,10 @@ def optimise(options: StudyOptions) -> Optimum:
     goal, folder, space = goal_of(study, options), options.folder("optimise"), Space.of(study)
     if (least := space.combinations * (2 if space.free and space.lists else 1)) > study.runs:
         raise HistoryError(f"{options.study}: the lists allow {space.combinations} combinations: runs = {least} or more expected")
-    with DesignRuns(study, deck, options, folder) as runs:
+    with DesignRuns(study, deck, options, folder, only_within=not options.allow_warnings) as runs:
         found = find(runs, goal)
     found.made, found.units, found.runs, found.folder = runs.made, runs.units, runs.count, folder
-    found.warnings = runs.journal.warnings
+    found.warnings = runs.journal.warnings + told_once((one.point, one.warnings) for one in runs.made)
     left, error = found.residual
     if found.slopes is not None and left > max(3.0 * error, 1.0e-2):
         slope = f"the slope of {found.names[found.goal.column]}"

@@ -15,7 +15,8 @@ from .design_search import Goal, Search
 from .figures import Figures, Tabular
 from .sweep_study import Study
 
-ACTIVE = 1.0e-4  # distance from a limit at which it holds the optimum back, of the value's size; or the error of its run
+ACTIVE = 1.0e-4  # distance from an end of a range at which a parameter is at it, in parts of the range
+MET = 1.0e-3  # distance from a limit, of the value's size, within which it may hold the optimum back; or the error of its run
 
 
 @dataclass
@@ -38,7 +39,7 @@ class Optimum(Tabular):
     units: list[str] = field(default_factory=list)  # of the results
     runs: int = 0  # that were asked for, those that measure errors included
     folder: Path = Path()  # of what was stored and of the tables
-    warnings: list[str] = field(default_factory=list)  # on what was stored
+    warnings: list[str] = field(default_factory=list)  # on what was stored, and what the solver warned of, once each
 
     @property
     def names(self) -> list[str]:
@@ -77,8 +78,10 @@ class Optimum(Tabular):
     @property
     def figures(self) -> dict:
         """All of that as JSON has it."""
-        failed = sum(not one.ok for one in self.made)
-        found: dict = {"runs": self.runs, "failed": failed, "report": self.report, "notes": self.notes}
+        outside = sum(one.outside for one in self.made)
+        failed = sum(not one.ok for one in self.made) - outside
+        found: dict = {"runs": self.runs, "failed": failed, "left_out": outside, "report": self.report, "notes": self.notes}
+        found["warnings"] = list(self.best.warnings) if self.best else []
         if self.best:
             found |= {"feasible": self.feasible, "parameters": self.best.point, "results": self.results, "prices": self.prices}
         return found | ({"sensitivities": self.sensitivities} if self.slopes is not None else {})
@@ -97,7 +100,7 @@ class Optimum(Tabular):
     def head(self) -> list[str]:
         """Of the table of all runs."""
         results = (one.name + (f"[{unit}]" if unit else "") for one, unit in zip(self.study.scalars, self.units))
-        return ["run", *(one.label for one in self.study.parameters), *results, "violation", "best", "failure"]
+        return ["run", *(one.label for one in self.study.parameters), *results, "violation", "best", "warnings", "failure"]
 
     @property
     def rows(self) -> list[list]:
@@ -107,15 +110,20 @@ class Optimum(Tabular):
             violation, value = self.goal.merit(design)
             best = min(best, value) if violation == 0.0 else best
             shown = list(design.point.values()) + ([*design.values[own:]] if design.ok else [""] * len(self.study.scalars))
-            rows.append([number, *shown, violation, self.goal.sign * best if best < math.inf else "", design.reason])
+            rows.append(
+                [number, *shown, violation, self.goal.sign * best if best < math.inf else "", len(design.warnings), design.reason]
+            )
         return rows
 
     @property
     def report(self) -> list[str]:
         """What was found, in lines; what its slopes do not explain is among them."""
         goal, names, own = self.goal, self.names, len(self.study.parameters)
-        failed = sum(not one.ok for one in self.made)
+        outside = sum(one.outside for one in self.made)
+        failed = sum(not one.ok for one in self.made) - outside
         lines = [f"{self.runs} runs, {failed} failed"]
+        if outside:
+            lines[0] += f", {outside} left out: the model does not hold for their motion (--allow-warnings)"
         if self.best is None:
             return [*lines, "no run gave its results: " + self.made[0].reason if self.made else "no run was made"]
         units = [one.unit for one in self.study.parameters] + self.units
@@ -142,6 +150,7 @@ class Optimum(Tabular):
         for k, one in enumerate(self.space.free):
             if not missed and self.slopes is not None and min(self.position[k], 1.0 - self.position[k]) <= ACTIVE:
                 lines.append(f"  {one.name} is at its {'lower' if self.position[k] < 0.5 else 'upper'} end")
+        lines += [f"  warning: {words}" for words in self.best.warnings]
         return lines + [f"  note: {words}" for words in self.notes]
 
 

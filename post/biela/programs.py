@@ -316,6 +316,7 @@ def sweep(p: Parser) -> None:
     p.add_study("sweep")
     p.add("--best", metavar="'min NAME'", help="name the best run: 'min' or 'max' and a result")
     p.add("--where", action="append", default=[], metavar="'NAME < VALUE'", help="condition of the best")
+    p.add("--allow-warnings", action="store_true", help="the best run may be one for whose motion the model does not hold")
     p.add("--keep", action="store_true", help="run all anew; keep decks and results in runs/, with all their sensors")
 
 
@@ -331,6 +332,7 @@ def optimise(p: Parser) -> None:
     p.add_study("optimise")
     p.add("--best", metavar="'min NAME'", help="'min' or 'max' and a result (best of the study)")
     p.add("--where", action="append", default=[], metavar="'NAME < VALUE'", help="limit, beside those of the study")
+    p.add("--allow-warnings", action="store_true", help="designs count for whose motion the model does not hold")
 
 
 @program("identify_work.work")

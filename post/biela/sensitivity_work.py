@@ -15,6 +15,7 @@ from .derivatives import HEADER, derivatives, rows_of
 from .design_runs import Design, DesignRuns, RunsOverError, Space
 from .figures import Tabular
 from .result_files import HistoryError, remove_noted
+from .run_warnings import told_once
 from .sweep_study import Study, StudyOptions
 from .sweep_work import prepare, tell, write_table
 
@@ -68,7 +69,7 @@ class Sensitivity(Tabular):
     units: list[str]  # of the results
     runs: int  # that were asked for
     folder: Path  # of table.csv and of what was stored
-    warnings: list[str]  # on what was stored
+    warnings: list[str]  # on what was stored, and what the solver warned of, once each
 
     @property
     def report(self) -> list[str]:
@@ -116,9 +117,10 @@ def sensitivity(options: StudyOptions) -> Sensitivity:
         except RunsOverError:
             raise HistoryError(f"{options.study}: runs = {study.runs} are too few: {8 * len(space.free) + 2} expected") from None
     rows = rows_of(study, space, base, found)
+    warnings = runs.journal.warnings + told_once((one.point, one.warnings) for one in runs.made)
     remove_noted(folder)
     write_table(folder / "table.csv", HEADER, rows)
-    return Sensitivity(study, space, base, checked.errors, rows, runs.units, runs.count, folder, runs.journal.warnings)
+    return Sensitivity(study, space, base, checked.errors, rows, runs.units, runs.count, folder, warnings)
 
 
 def work(args: argparse.Namespace) -> int:

@@ -71,7 +71,7 @@ def _entry(line: str, results: int) -> dict | None:
 
 def digest(biela: Path) -> str:
     """Return a hash of what runs and measures."""
-    names = ("sweep_run.py", "sweep_scalars.py", "fatigue.py", "tradeoff_errors.py")
+    names = ("sweep_run.py", "sweep_scalars.py", "decays.py", "fatigue.py", "tradeoff_errors.py")
     programs = biela, *(FOLDER / "biela" / name for name in names)
     return hashlib.sha256(b"".join(path.read_bytes() for path in programs)).hexdigest()
 
@@ -99,10 +99,11 @@ def batches(
         row = len(study.parameters[-1].values)
         parts = [range(k, min(k + row, len(runs))) for k in range(0, len(runs), row) if {*wanted} & {*range(k, k + row)}]
     for part in parts:
-        some = {number: (*runs[number], *common) for number in part}
-        own = folder / "runs" if options.keep else folder / RUNNING / f"{part[0]:06d}"
+        own = {number: {word.partition("=")[0] for word in runs[number]} for number in part}
+        some = {number: (*runs[number], *(word for word in common if word.partition("=")[0] not in own[number])) for number in part}
+        place = folder / "runs" if options.keep else folder / RUNNING / f"{part[0]:06d}"
         how = options.keep, study.extremes, study.check, study.measured, options.longest, study.follow
-        yield Batch(str(options.biela.resolve()), str(study.deck), some, study.scalars, str(own.resolve()), *how)
+        yield Batch(str(options.biela.resolve()), str(study.deck), some, study.scalars, str(place.resolve()), *how)
 
 
 def executor(options: StudyOptions) -> Executor:

@@ -26,7 +26,7 @@ def draw(
 ) -> list[Path]:
     """Draw every result over what varies, the best row marked, limits (column, value) as lines; return the paths."""
     free = [k for k, parameter in enumerate(study.parameters) if len({row[k] for row in rows}) > 1]
-    results = range(len(study.parameters), len(header) - 1)
+    results = range(len(study.parameters), len(study.columns))
     good = [row for row in rows if not row[-1]]
     numeric = {k: all(isinstance(row[k], (int, float)) for row in rows) for k in free}
     if not free or not good:

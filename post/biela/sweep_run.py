@@ -49,6 +49,8 @@ class Row(Measured):
 
     number: int = 0  # of the run in the study
     reason: str = ""  # why it failed, '' where it did not
+    warnings: tuple[str, ...] = ()  # what the solver warned of
+    outside: bool = False  # whether one of them says that the model does not hold for this motion
 
 
 def common_settings(study: Study, deck: Deck, only_used: bool) -> tuple[str, ...]:
@@ -123,18 +125,20 @@ def end_with_parent() -> None:
 
 def _row(number: int, results: Path, deck: Path, batch: Batch, stopped: str) -> Row:
     """Return the numbers of a run that came to its end, else the reason why it did not."""
+    summary = {}
     try:
         summary = read_summary(results)
         reason = "" if summary.get("status") == 0 else stopped or summary["outcome"]
     except HistoryError:  # the deck was refused: the solver says why when it is asked for this one alone
         reason = stopped or _refusal(batch, deck)
+    told = dict(number=number, warnings=tuple(summary.get("warnings", ())), outside=bool(summary.get("outside_model")))
     if not reason:
         try:
             found = batch.measured.of(results) if batch.measured else measure(results, batch.scalars, batch.extremes, batch.check)
-            return Row(**vars(found), number=number)
+            return Row(**vars(found), **told)
         except ValueError as fault:
             reason = str(fault)
-    return Row(number=number, reason=reason)
+    return Row(**told, reason=reason)
 
 
 def _refusal(batch: Batch, deck: Path) -> str:

@@ -274,8 +274,26 @@ def decay_rate(time: np.ndarray, values: np.ndarray) -> float:
     return one.rate if known else np.nan
 
 
+def turning_points(values: np.ndarray, least: float) -> np.ndarray:
+    """Return the rows at which values turn by at least so much, both ends left out."""
+    found = [0]
+    for k in [*np.flatnonzero(np.diff(np.sign(np.diff(values)))) + 1, values.size - 1]:
+        if len(found) > 1 and (values[k] - values[found[-1]]) * (values[found[-1]] - values[found[-2]]) >= 0.0:
+            found[-1] = k  # on the same way
+        elif abs(values[k] - values[found[-1]]) >= least:
+            found.append(k)
+    return np.array(found[1:-1], dtype=int)
+
+
 def settling_time(time: np.ndarray, values: np.ndarray, target: float | None, within: float) -> float:
-    """Return when values begin to stay that near to the target (None: the last one) [s]; NaN where the last one is not."""
+    """Return when values begin to stay that near to the target [s]; NaN where the last one is not.
+
+    Without a target (None) it is the last value; NaN where the last period still swings by more than `within`.
+    """
+    if target is None and within > 0.0:
+        turns = turning_points(values, within)
+        if turns.size > 2 and time[-1] - time[turns[-1]] < time[turns[-1]] - time[turns[-3]]:
+            return np.nan
     off = np.abs(values - (values[-1] if target is None else target)) - within
     outside = np.flatnonzero(off > 0.0)
     if not outside.size:

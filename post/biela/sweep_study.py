@@ -69,6 +69,7 @@ class StudyOptions:
     scheduler: str | None = None  # address of a Dask scheduler, in place of this machine's cores
     keep: bool = False  # all decks and results stay
     best: str = ""  # 'min NAME' or 'max NAME', '': what the study says
+    allow_warnings: bool = False  # designs for whose motion the model does not hold may be the best one
     where: tuple[str, ...] = ()  # conditions 'NAME < VALUE' beside those of the study
     at: tuple[str, ...] = ()  # 'NAME=VALUE' of parameters at which sensitivities are taken
     start: float = -math.inf  # rows before do not count for results that do not say `from` themselves [s]

@@ -21,6 +21,7 @@ from . import command, histories
 from .deck import Deck, run_into
 from .deck import read as read_deck
 from .result_files import BielaError, HistoryError, remove_noted, writing
+from .run_warnings import told_once
 from .study_runs import StudyRuns
 from .sweep_scalars import Scalar, vibrations
 from .sweep_study import Study, StudyError, StudyOptions, read
@@ -38,17 +39,18 @@ def table(study: Study, entries: list[dict]) -> tuple[list[str], list[list]]:
     """Return the header and the rows of the table, in the order of the design."""
     units = next((entry["units"] for entry in entries if entry["units"]), [""] * len(study.scalars))
     header = [parameter.label for parameter in study.parameters]
-    header += [scalar.name + (f"[{unit}]" if unit else "") for scalar, unit in zip(study.scalars, units)] + ["failure"]
+    header += [scalar.name + (f"[{unit}]" if unit else "") for scalar, unit in zip(study.scalars, units)]
+    header += ["warnings", "failure"]
     rows = []
     for point, entry in zip(study.points, entries):
-        rows.append([*point.values(), *(entry["values"] or [""] * len(study.scalars)), entry["reason"]])
+        rows.append([*point.values(), *(entry["values"] or [""] * len(study.scalars)), len(entry["warnings"]), entry["reason"]])
     return header, rows
 
 
 def write_table(path: Path, header: list[str], rows: list[list]) -> None:
     """Write the table; HistoryError where it cannot be written."""
     with writing(path), path.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file).writerows([header, *rows])
+        csv.writer(file).writerows([header, *(["" if value != value else value for value in row] for row in rows)])
 
 
 def parse_goal(study: Study, goal: str, conditions: list[str]) -> tuple[int, int, list[tuple[int, str, float]]]:
@@ -188,9 +190,12 @@ class Sweep:
 
     study: Study  # that was run
     folder: Path  # of table.csv and of what was stored
-    header: list[str]  # names of parameters and results with their units, and `failure`
+    header: list[str]  # names of parameters and results with their units, `warnings` (their number) and `failure`
     rows: list[list]  # one a run, in the order of the design; '' for the results of a run that failed
-    warnings: list[str] = field(default_factory=list)  # on what was stored
+    warnings: list[str] = field(default_factory=list)  # on what was stored, and what the solver warned of, once each
+    told: list[list[str]] = field(default_factory=list)  # what the solver warned of in each run
+    outside: list[bool] = field(default_factory=list)  # whether the model does not hold for its motion
+    allow_warnings: bool = False  # whether such a run may be the best one
 
     @property
     def quantiles(self) -> list[Quantile]:
@@ -219,10 +224,24 @@ class Sweep:
         rows = [[*row[:own], *(math.nan if value == "" else value for value in row[own:-1]), row[-1]] for row in self.rows]
         return pandas.DataFrame(rows, columns=self.header)
 
+    @property
+    def within(self) -> list[list]:
+        """The runs from which the best one is chosen: those whose motion the model holds for, or all where warnings are allowed."""
+        return [row for row, off in zip(self.rows, self.outside) if self.allow_warnings or not off]
+
     def best(self, goal: str = "", where: tuple[str, ...] = ()) -> dict | None:
-        """Return the best run by name, 'min NAME' or 'max NAME' (that of the study), or None; HistoryError: wrong words."""
-        chosen, _, _ = choose(self.study, self.rows, goal or self.study.best, [*self.study.where, *where])
-        return None if chosen is None else dict(zip((one.name for one in self.study.columns), chosen))
+        """Return the best run by name, 'min NAME' or 'max NAME' (that of the study), or None; HistoryError: wrong words.
+
+        `warnings` are the solver's of this run. Runs for whose motion the model does not hold are left out (`allow_warnings`).
+        """
+        chosen, _, _ = choose(self.study, self.within, goal or self.study.best, [*self.study.where, *where])
+        if chosen is None:
+            return None
+        return dict(zip((one.name for one in self.study.columns), chosen)) | {"warnings": self.warnings_of(chosen)}
+
+    def warnings_of(self, row: list) -> list[str]:
+        """Return what the solver warned of in a run."""
+        return self.told[next(k for k, one in enumerate(self.rows) if one is row)]
 
     def _repr_html_(self) -> str:
         head = html.escape(f"{self.study.name}: {len(self.rows)} runs, {len(self.failed)} failed")
@@ -237,7 +256,10 @@ def sweep(options: StudyOptions) -> Sweep:
     with StudyRuns(study, deck, options, folder) as runs:
         entries = runs.entries(study)
     remove_noted(folder)
-    result = Sweep(study, folder, *table(study, entries), runs.journal.warnings)
+    told = [list(entry["warnings"]) for entry in entries]
+    words = runs.journal.warnings + told_once(zip(study.points, told))
+    outside = [entry["outside"] for entry in entries]
+    result = Sweep(study, folder, *table(study, entries), words, told, outside, options.allow_warnings)
     write_table(folder / "table.csv", result.header, result.rows)
     if study.quantiles:
         head = ["result", "quantile", "value", "from", "to"]
@@ -270,7 +292,7 @@ def work(args: argparse.Namespace) -> int:
     for row in result.failed[:3]:
         lines.append(f"  failed: {', '.join(f'{p.name} = {v}' for p, v in zip(study.parameters, row))}: {row[-1]}")
     tell("sweep", result.warnings, [*lines, *lines_of(result, options.where)])
-    chosen, _, limits = choose(study, rows, goal or f"min {study.scalars[0].name}", conditions)
+    chosen, _, limits = choose(study, result.within, goal or f"min {study.scalars[0].name}", conditions)
     if not args.no_pictures and len(result.failed) < len(rows):
         from . import sweep_picture
 
@@ -280,5 +302,9 @@ def work(args: argparse.Namespace) -> int:
         for path in paths:
             print(f"picture: {path}")
     if goal:
-        print(best(study, rows, goal, conditions))
+        print(best(study, result.within, goal, conditions))
+        for words in result.warnings_of(chosen) if chosen else ():
+            print(f"  warning: {words}")
+        if left := len(rows) - len(result.within):
+            print(f"  {left} of {len(rows)} runs are left out: the model does not hold for their motion (--allow-warnings)")
     return int(len(result.failed) == len(rows))

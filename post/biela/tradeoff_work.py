@@ -138,15 +138,19 @@ def verify(found: Tradeoff, search: Search) -> None:
         own = with_setting(point.deck, point.setting, grid, grid.stated or grid.interval)
         decks = {"recommended": own} | ({"written": found.written.deck} if found.written.values else {})
         times: dict[str, list[float]] = {name: [] for name in decks}
+        told: dict[str, list[str]] = {}
         while sum(map(sum, times.values())) <= 2.0 and len(times["recommended"]) < REPEATS:
             for name, deck in decks.items():
-                times[name].append(run_into(found.folder / name, deck, options.biela)["timing"]["processor_seconds"])
+                figures = run_into(found.folder / name, deck, options.biela)
+                times[name].append(figures["timing"]["processor_seconds"])
+                told[name] = figures.get("warnings", ())
         if "written" in times:
             found.written.values["seconds"] = float(np.median(times["written"]))
         values = dict(zip(found.measured.names, found.measured.of(found.folder / "recommended").values))
         values["seconds"] = float(np.median(times["recommended"]))
         found.chosen = replace(point, deck=own, values=values)
         if found.chosen.error <= found.allowed:
+            found.warnings += [f"the solver warns of the recommended deck: {words}" for words in told["recommended"]]
             break
     if found.written.error <= found.allowed and (found.chosen is None or found.written.seconds <= found.chosen.seconds):
         found.chosen = found.written

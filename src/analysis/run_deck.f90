@@ -232,7 +232,7 @@ contains
     if (.not. run%d%static%present) run%sys%options%stage = stage_linear
     if (run%d%modal%present .and. .not. fail%happened()) call run_modal(run, text, fail)
     if (run%d%response%present .and. .not. fail%happened()) call run_response(run, text, fail)
-    call text%warn(limits_of_beams(run%sys%m, run%fastest))
+    call text%warn(limits_of_beams(run%sys%m, run%fastest), outside=.true.)
     if (run%d%periodic%present .and. .not. fail%happened()) call run_periodic(run, text, fail)
     if (run%d%transient%present .and. .not. fail%happened()) then
       run%sys%options%stage = stage_transient

@@ -18,6 +18,7 @@ module summary_text
     type(text_buffer) :: words                    !! lines so far, and the beginning of the next one
     type(text_buffer) :: members                  !! of the JSON object, so far
     type(text_buffer) :: warnings                 !! elements of its list of warnings, so far
+    type(text_buffer) :: outside                  !! those among them that tell of motion which the model does not hold for
     character(8) :: open_brackets = ''            !! '{' or '[' of the objects and lists that are not closed
     logical :: silent = .false.                   !! warnings go to `pending` instead of standard error
     type(text_buffer) :: pending                !! their lines
@@ -188,6 +189,8 @@ contains
     call self%members%add(part%members%all())
     if (self%warnings%used > 0 .and. part%warnings%used > 0) call self%warnings%add(',')
     call self%warnings%add(part%warnings%all())
+    if (self%outside%used > 0 .and. part%outside%used > 0) call self%outside%add(',')
+    call self%outside%add(part%outside%all())
     self%open_brackets = part%open_brackets
   end subroutine append
 
@@ -199,6 +202,7 @@ contains
     call exchange_buffer(self%words)
     call exchange_buffer(self%members)
     call exchange_buffer(self%warnings)
+    call exchange_buffer(self%outside)
     call exchange_buffer(self%pending)
   contains
     !> One of its texts.
@@ -217,10 +221,11 @@ contains
   end subroutine exchange
 
   !> Warnings, `warning: ...` in a line each, into the words, the list of summary.json and, with the deck's path, standard error.
-  subroutine warn(self, sentences, in_words)
+  subroutine warn(self, sentences, in_words, outside)
     class(summary_record), intent(inout) :: self
     character(*), intent(in) :: sentences         !! separated by line ends
     logical, intent(in), optional :: in_words     !! .false.: not into the words
+    logical, intent(in), optional :: outside      !! .true.: the model does not hold for this motion
     integer :: from, to
     from = 1
     do while (from <= len(sentences))
@@ -234,6 +239,10 @@ contains
         end if
         if (self%warnings%used > 0) call self%warnings%add(',')
         call self%warnings%add(new_line('a')//'    '//json_text(sentence))
+        if (present(outside)) then
+          if (self%outside%used > 0) call self%outside%add(',')
+          call self%outside%add(new_line('a')//'    '//json_text(sentence))
+        end if
       end associate
       from = to + 2
     end do
@@ -243,7 +252,8 @@ contains
   function json(self) result(text)
     class(summary_record), intent(in) :: self
     character(:), allocatable :: text
-    text = '{'//self%members%all()//','//new_line('a')//'  "warnings": ['//self%warnings%all()//']'//new_line('a')//'}'
+    text = '{'//self%members%all()//','//new_line('a')//'  "warnings": ['//self%warnings%all()//'],'//new_line('a')// &
+      '  "outside_model": ['//self%outside%all()//']'//new_line('a')//'}'
   end function json
 
   !> A number as JSON has it, in as few digits as give it back; null where it is infinite or none.

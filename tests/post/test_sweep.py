@@ -107,7 +107,9 @@ def test_a_sweep_goes_on_where_it_was_interrupted(study, monkeypatch, capsys):
         assert sum(len(batch.runs) for batch in ran) == runs
     assert not Path("results/sweep/study/map_old.png").exists()
     told = "line 1 and 2 more cannot be read; the runs are made again"
-    assert capsys.readouterr().err == f"sweep: warning: results/sweep/study/journal.jsonl: {told}\n"
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == f"sweep: warning: results/sweep/study/journal.jsonl: {told}"
+    assert all("6 of 6 designs" in line and "moves elastically" in line for line in said[1:])
 
 
 class Inline:
@@ -194,6 +196,9 @@ def test_measures_against_closed_forms():
     assert Scalar("x", "value", "c", at=1.2345).of(time, 3.0 * time) == pytest.approx(3.7035)
     assert Scalar("x", "settling_time", "c", band=0.1).of(time, np.minimum(time, 1.0)) == pytest.approx(0.9, abs=1.0e-3)
     assert np.isnan(Scalar("x", "decay_rate", "c").of(time, time))
+    settling = Scalar("x", "settling_time", "c")
+    assert np.isnan(settling.of(time, np.sin(2.0 * np.pi * 5.03 * time))), "it never settles"
+    assert settling.of(time, np.exp(-3.0 * time) * np.sin(30.0 * time)) == pytest.approx(1.2, abs=0.15)
     coarse = np.linspace(0.0, 1.0, 47)  # 23 rows a period, none of them on a crest
     for measure, value in (("peak", 1.0), ("min", -1.0), ("max", 1.0), ("range", 2.0), ("value", np.sin(9.0 * 0.3))):
         assert Scalar("x", measure, "c", at=0.3).of(coarse, np.sin(9.0 * coarse)) == pytest.approx(value, rel=1.0e-5)
@@ -310,6 +315,22 @@ def test_cycles_follow_a_branch(study, tmp_path, run_deck):
     assert found[-1][1] > 5 * rest
 
 
+def test_a_winner_is_told_with_its_warnings(study, capsys):
+    """A tip force of 500 N bends the arm by more than the model holds for: such a run is the best only where that is allowed."""
+    text = STUDY.replace("to = 3.0", "to = 500.0").replace("points = 3", "points = 2").replace("[0.004, 0.006]", "[0.004]")
+    _, rows = study(text, "--best", "max peak", "--no-pictures")
+    told = capsys.readouterr()
+    assert [int(row["warnings"]) for row in rows] == [1, 3]
+    assert "best of 1 runs (max peak): height = 0.004, force = 1," in told.out
+    assert "1 of 2 runs are left out: the model does not hold for their motion (--allow-warnings)" in told.out
+    assert told.err.count('sweep: warning: 1 of 2 designs (height = 0.004, force = 500): body "arm" deflects by') == 1
+    assert told.err.count("sweep: warning: 2 of 2 designs (height = 0.004, force = 1; height = 0.004, force = 500): ") == 1
+    study(text, "--best", "max peak", "--no-pictures", "--allow-warnings")
+    out = capsys.readouterr().out
+    assert "best of 2 runs (max peak): height = 0.004, force = 500," in out
+    assert out.count("  warning: ") == 3
+
+
 def test_a_shape_that_no_vibration_has_is_told(run_deck):
     """A vibration with a motion that no mass has, 1.5 times its size: its likeness is 1/(1 + 1.5^2)."""
     run = run_deck(OSCILLATORS)
@@ -320,10 +341,17 @@ def test_a_shape_that_no_vibration_has_is_told(run_deck):
     parts = tuple(float(x) for value in mixed for x in (value.real, value.imag))
     scalars = (Scalar("f", "frequency", mode=1, shape=parts),)
     wanted = sweep_study.Study("s", run.folder, (), scalars, ({},))
-    entry = {"reason": "", "values": [np.nan], "units": ["Hz"], "modes": sweep_scalars.measure(run.folder, scalars).modes}
+    entry = {
+        "reason": "",
+        "values": [np.nan],
+        "units": ["Hz"],
+        "warnings": [],
+        "modes": sweep_scalars.measure(run.folder, scalars).modes,
+    }
     (told,) = mode_following.Followed(wanted).take(wanted, [entry])
-    assert told["reason"] == "no vibration is like mode 1 of the design nearest to this one (at most 0.31 of 1)"
-    assert told["values"] == []
+    assert told["warnings"] == ["no vibration is like mode 1 of the design nearest to this one (at most 0.31 of 1)"]
+    assert told["reason"] == ""
+    assert np.isnan(told["values"]).all()
 
 
 def test_solvers_end_with_a_sweep_that_is_killed(study, biela, tmp_path):

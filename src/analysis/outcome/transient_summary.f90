@@ -96,10 +96,12 @@ contains
     type(run_state), intent(in) :: run
     integer, intent(in) :: status              !! of the run
     type(summary_record), intent(inout) :: text
-    character(:), allocatable :: warnings
+    character(:), allocatable :: warnings, coarse
     warnings = run%watch%warnings(run%sys%m, run%sys%ev, '')//motion_outside_band(run)
-    call text%warn(warnings)
-    if (len(warnings) > 0 .or. status == status_failed) return
+    coarse = run%watch%too_coarse(run%sys%m, run%sys%ev)
+    call text%warn(warnings, outside=.true.)
+    call text%warn(coarse)
+    if (len(warnings//coarse) > 0 .or. status == status_failed) return
     call text%line('  validity: deflections, spins and excited frequencies stay within what the model can tell')
   end subroutine validity_lines
 end module transient_summary

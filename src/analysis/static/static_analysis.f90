@@ -97,7 +97,7 @@ contains
       'about which friction holds the mechanism')
     call text%line('  residual over the largest force: {residual} (rounding: {rounding})', [report%residual, report%noise])
     call text%close()
-    call text%warn(watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis '))
+    call text%warn(watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis '), outside=.true.)
     if (fail%happened()) return
     call find_growth(run, rate, body)
     if (rate > 0.0_wp) call text%warn('the static equilibrium is unstable: without damping small motions about it, most of all '// &

@@ -35,6 +35,7 @@ module validity
     procedure :: begin
     procedure :: note
     procedure :: warnings
+    procedure :: too_coarse
     procedure :: elastic_frequency
   end type validity_watch
 
@@ -106,7 +107,7 @@ contains
     type(evaluation), intent(in) :: ev
     character(*), intent(in) :: stage               !! words that go before the body: in which analysis; empty: the transient
     character(:), allocatable :: text
-    real(wp) :: first, highest, moving               ! [rad/s]
+    real(wp) :: first                                ! [rad/s]
     real(wp) :: loads(2)                             ! over the critical load [-]
     integer :: b
     text = ''
@@ -132,12 +133,6 @@ contains
         if (loads(pulled) > large_load .and. .not. f(spin) > fast_spin*first) call say(body, 'is pulled along its axis by', &
           loads(pulled), 'of what would buckle it as pressure, without stiffening=.true.: the linear strain misses how tension '// &
           'stiffens its bending (or more bodies, each with its own frame)')
-        highest = part_period*body%basis%top_frequency
-        if (ev%t*highest >= 2*pi) then       ! before one period a motion that starts from rest looks too fast
-          moving = self%elastic_frequency(m, b)
-          if (moving > highest) call say(body, 'moves elastically at', moving, 'rad/s, faster than its '// &
-            'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
-        end if
       end associate
     end do
   contains
@@ -149,6 +144,27 @@ contains
       text = text//body_sentence(body, stage, what, x, rest)
     end subroutine say
   end function warnings
+
+  !> Warnings of bodies that move faster than their coordinates can follow: the model holds, its mesh or modes are too few.
+  function too_coarse(self, m, ev) result(text)
+    class(validity_watch), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    type(evaluation), intent(in) :: ev
+    character(:), allocatable :: text
+    real(wp) :: highest, moving                      ! [rad/s]
+    integer :: b
+    text = ''
+    do b = 1, size(m%s%bodies)
+      associate (body => m%s%bodies(b))
+        if (.not. body%flexible) cycle
+        highest = part_period*body%basis%top_frequency
+        if (ev%t*highest < 2*pi) cycle       ! before one period a motion that starts from rest looks too fast
+        moving = self%elastic_frequency(m, b)
+        if (moving > highest) text = text//body_sentence(body, '', 'moves elastically at', moving, 'rad/s, faster than its '// &
+          'mesh or modes can carry: its elastic coordinates and accelerations are not converged (more elements or modes)')
+      end associate
+    end do
+  end function too_coarse
 
   !> Frequency of a flexible body's elastic motion, from the mean squares of rates and accelerations; 0 where only rounding moves,
   !> as in an equilibrium.
