@@ -13,18 +13,19 @@ from .histories import History, read
 from .mechanism import Mechanism, from_run
 from .result_files import INNER, TABLES, HistoryError, note
 
+UNITS = "units"  # structure of a MATLAB file with the unit of each column
 EXTRAS = {"parquet": "tables", "hdf5": "hdf5", "csv": "", "matlab": "", "vtk": ""}  # of the package, by format
 
 
 def matlab_names(names: list[str]) -> list[str]:
-    """Return names that MATLAB takes for variables: letters, digits and _, up to 63, each once."""
-    made: list[str] = []
+    """Return names that MATLAB takes for variables: letters, digits and _, up to 63, each once, and none the structure of units."""
+    made = [UNITS]
     for name in names:
         word = re.sub(r"\W", "_", name)
         word = (word if word[0].isalpha() else f"x{word}")[:60]
         count = sum(other == word or other.startswith(f"{word}__") for other in made)
         made.append(f"{word}__{count}" if count else word)
-    return made
+    return made[1:]
 
 
 def write_table(run: History, form: str, path: Path) -> None:
@@ -35,7 +36,7 @@ def write_table(run: History, form: str, path: Path) -> None:
         words = matlab_names(run.names)
         columns = {word: run[name] for word, name in zip(words, run.names)}
         units = {word: run.units[name] for word, name in zip(words, run.names)}
-        savemat(path, columns | {"units": units}, oned_as="column", long_field_names=True)
+        savemat(path, columns | {UNITS: units}, oned_as="column", long_field_names=True)
     elif form == "hdf5":
         import h5py
 
@@ -82,8 +83,10 @@ def write_vtk(scene: Mechanism, folder: Path) -> Path:
     import meshio
 
     folder.mkdir(parents=True, exist_ok=True)
-    for former in folder.glob("motion_*.vtu"):
-        former.unlink()
+    path = folder / "motion.pvd"
+    if path.is_file():  # its own files of a longer motion
+        for name in re.findall(r'file="(motion_\d+\.vtu)"', path.read_text(encoding="utf-8", errors="replace")):
+            (folder / name).unlink(missing_ok=True)
     entries = []
     for row, time in enumerate(scene.time):
         points, pairs, part = lines(scene, row)
@@ -91,10 +94,9 @@ def write_vtk(scene: Mechanism, folder: Path) -> Path:
         meshio.write(folder / name, meshio.Mesh(points, [("line", pairs)], cell_data={"part": [part]}))
         entries.append(f'<DataSet timestep="{float(time)!r}" file="{name}"/>')
     body = "\n".join(entries)
-    path = folder / "motion.pvd"
     text = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n<Collection>\n{body}\n</Collection>\n</VTKFile>\n'
     path.write_text(text, encoding="utf-8")
-    note(path, *folder.glob("motion_*.vtu"))
+    note(path, *(folder / f"motion_{row:06d}.vtu" for row in range(len(scene.time))))
     return path
 
 

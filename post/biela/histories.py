@@ -244,7 +244,8 @@ def _header(path: Path, lines: list[str], separator: str | None) -> list[tuple[s
         parts = COLUMN.fullmatch(word.strip())
         if not parts:
             raise HistoryError(f"{path}: {word.strip()!r} is no column name, name[unit] expected")
-        columns.append((parts["name"], parts["unit"] or ""))
+        exported = separator and parts["unit"] is not None  # name_[unit], as `columns` writes it
+        columns.append((parts["name"].removesuffix("_") if exported else parts["name"], parts["unit"] or ""))
     return columns
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ from . import fatigue
 from .decays import KNOWN, ring_down
 from .histories import History, read, read_summary
 from .result_files import RESULT_FILES, HistoryError
+from .units import factor
 
 FILES = [file for file in RESULT_FILES if file != "motion"]
 MEASURES = ("peak", "rms", "range", "min", "max", "mean", "final", "value")
@@ -23,6 +24,7 @@ EXTREMES = 6  # of a column that are listed, the largest first
 ROUNDING = 1.0e-12  # of a number that no step in time has made
 BETWEEN_ROWS = ("peak", "min", "max", "range", "value")
 HALF_THE_ROWS = 1.0 / 32.0  # error of a polynomial of degree five or six with all rows, in parts of that with every second row
+OF_A_QUARTER = 1.0 / 256.0  # error of a rule of order four, in parts of what a quarter of the rows lacks of half of them
 EDGE = 1.0e-9  # of what the rows span, by which their ends may err
 FINER = 4  # samples of a spline in a row, for its orders
 NEIGHBOURS = 3  # rows on either side of an extreme, which its polynomial passes through
@@ -52,6 +54,7 @@ class Scalar:
     slope: float = 0.0  # of the line of `strength`: the cycles borne fall with this power of the amplitude
     ultimate: float = np.inf  # of `damage`: amplitudes over 1 - mean/ultimate count (Goodman) [unit of the column]
     measured: tuple[tuple[float, ...], ...] = ()  # times or frequencies and values, of a response real and imaginary parts
+    measured_units: tuple[str, ...] = ()  # of times or frequencies, and of values; '': not stated, so that of the column
     error: float = 0.0  # standard error of what was measured [unit of the column]; 0: not known
     key: str = ""  # of `summary`, parts separated by dots
     stated_unit: str = ""  # of `summary`, whose figures have none
@@ -144,11 +147,11 @@ class Scalar:
             return self._level(sizes[k], np.sqrt(2.0))
         simple = {
             "peak": lambda: self.extremes(axis, values)[0][1],
-            "rms": lambda: self._level(np.sqrt(np.trapezoid(values**2, axis) / np.ptp(axis)) if np.ptp(axis) else abs(values[0])),
+            "rms": lambda: self._level(averages(axis, values, self.measure)[0]),
             "range": lambda: maxima(axis, values)[0][1] + maxima(axis, -values)[0][1],
             "min": lambda: self.extremes(axis, values)[0][1],
             "max": lambda: self.extremes(axis, values)[0][1],
-            "mean": lambda: np.trapezoid(values, axis) / np.ptp(axis) if np.ptp(axis) else values[0],
+            "mean": lambda: averages(axis, values, self.measure)[0],
             "final": lambda: values[-1],
             "value": lambda: interpolated(axis, values, self.at) if axis[0] <= self.at <= axis[-1] else np.nan,
             "decay_rate": lambda: decay_rate(axis, values),
@@ -161,6 +164,18 @@ class Scalar:
     def _level(self, size: float, of_rms: float = 1.0) -> float:
         """Return the size, or in dB the level of the rms value, which is the size over `of_rms`."""
         return float(20.0 * np.log10(size / of_rms / self.reference) if size > 0.0 else -np.inf) if self.reference else float(size)
+
+    def in_units(self, of_axis: str, of_column: str) -> Scalar:
+        """Return it with what was measured in the units of a run; ValueError: they do not go together."""
+        pairs = list(zip(self.measured_units, (of_axis, of_column)))
+        try:
+            scale = [factor(unit, wanted) if unit and wanted else 1.0 for unit, wanted in pairs]
+        except HistoryError as fault:
+            raise ValueError(f"what was measured of {self.column}: {fault}") from None
+        if set(scale) <= {1.0}:
+            return self
+        parts = [tuple(np.multiply(part, scale[min(k, 1)])) for k, part in enumerate(self.measured)]
+        return replace(self, measured=tuple(parts), measured_units=(of_axis, of_column))
 
     def differences(self, axis: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Return a column, by a cubic spline, less what was measured, of a response both parts; ValueError: too short."""
@@ -181,6 +196,30 @@ class Scalar:
         if self.measure == "peak":
             return sorted(maxima(axis, values) + maxima(axis, -values), key=lambda one: -one[1])[:EXTREMES]
         return [(at, -value) for at, value in maxima(axis, -values)] if self.measure == "min" else maxima(axis, values)
+
+
+def averages(axis: np.ndarray, values: np.ndarray, kind: str) -> tuple[float, float]:
+    """Return the mean or the rms value of a column and what its rows leave open of it.
+
+    The trapezoidal rule or a cubic spline, whichever errs less by what it gives with half and with a quarter of the rows.
+    """
+    from scipy.interpolate import CubicSpline
+
+    span, squared = np.ptp(axis), kind == "rms"
+    if not span:
+        return float(abs(values[0]) if squared else values[0]), 0.0
+    known = values**2 if squared else values
+    found = []
+    for rule in (np.trapezoid, lambda y, x: CubicSpline(x, y).integrate(x[0], x[-1])):
+        kept = [np.unique([*range(0, axis.size, step), axis.size - 1]) for step in (1, 2, 4)]
+        full, half, quarter = (float(rule(known[rows], axis[rows])) / span for rows in kept)
+        last, before = abs(full - half), abs(half - quarter)
+        found.append((max(last * min(1.0, last / (before - last)) if before > last else last, before * OF_A_QUARTER), full))
+    error, full = min(found)
+    if not squared:
+        return full, error
+    size = np.sqrt(max(full, 0.0))
+    return float(size), float(min(np.sqrt(error), 0.5 * error / size) if size else np.sqrt(error))
 
 
 def maxima(axis: np.ndarray, values: np.ndarray) -> list[tuple[float, float]]:
@@ -366,8 +405,9 @@ def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: 
                 values = table[f"{scalar.column}.amplitude"] * np.exp(1j * table[f"{scalar.column}.phase"])
             else:
                 values = table[scalar.column]
-            found.values.append(scalar.of(axis, values, angle))
             unit = table.units.get(scalar.column) or table.units.get(f"{scalar.column}.amplitude", "")
+            scalar = scalar.in_units(table.units[table.names[0]], unit)
+            found.values.append(scalar.of(axis, values, angle))
             found.units.append(scalar.unit(unit, table.units[table.names[0]]))
             if extremes and np.isfinite(found.values[-1]):
                 several = scalar.extremes(axis, values, angle) if scalar.measure in LARGEST else []
@@ -412,11 +452,17 @@ def _errors(folder: Path, scalars: tuple[Scalar, ...], values: list[float], tabl
         if scalar.file == "history" and scalar.measure in OF_COLUMN:
             table = tables[scalar.file]
             axis, angle = table.time, table[scalar.period][::2] if isinstance(scalar.period, str) else None
-            half = scalar.of(axis[::2], table[scalar.column][::2], angle)
+            half = scalar.of(axis[::2], table[scalar.column][::2], angle) if scalar.measure in BETWEEN_ROWS else value
             smooth = scalar.measure != "range" and value not in np.abs(table[scalar.column]) and value not in table[scalar.column]
             between = abs(half - value) * (HALF_THE_ROWS if smooth else 1.0)
-            between = between if scalar.measure in BETWEEN_ROWS and np.isfinite(half) else 0.0
+            between = between if np.isfinite(half) else 0.0
+            size = 1.0
+            if scalar.measure in ("mean", "rms"):
+                turned = table[scalar.period] if isinstance(scalar.period, str) else None
+                size, between = averages(*scalar.rows(axis, table[scalar.column], turned), scalar.measure)
             error = OF_COLUMN[scalar.measure] * columns.get(scalar.column, 0.0) + between
+            if scalar.reference and error:  # a level
+                error = 20.0 / np.log(10.0) * error / size if size else np.inf
         elif scalar.file in ("history", "energy") and (not scalar.of_summary or scalar.path.startswith("transient.")):
             error = worst * abs(value)
         found.append(max(error, ROUNDING * abs(value)))

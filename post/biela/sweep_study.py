@@ -16,6 +16,7 @@ import numpy as np
 from .histories import read as read_table
 from .result_files import BielaError, HistoryError
 from .sweep_scalars import Scalar
+from .units import factor
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -139,6 +140,7 @@ def _study(path: Path, content: dict, design: bool) -> Study:
     _need(isinstance(content.get("deck"), str), "deck = 'FILE.nml' is missing")
     parameters = tuple(_parameter(entry, path.parent) for entry in _tables(content, "parameter"))
     scalars = tuple(_scalar(entry, path.parent) for entry in _tables(content, "result"))
+    _once(parameters)
     names = [one.name for one in (*parameters, *scalars)]
     twice = sorted({name for name in names if names.count(name) > 1})
     _need(not twice, f"the name {''.join(map(repr, twice[:1]))} is given twice")
@@ -158,6 +160,18 @@ def _study(path: Path, content: dict, design: bool) -> Study:
     _need(ordered, f"follow = {follow!r}: true or false expected, with design = 'grid' or 'zip'")
     deck, more = (path.parent / content["deck"]).resolve(), dict(**counts, quantiles=levels, follow=follow)
     return Study(path.stem, deck, parameters, scalars, points, best, tuple(where), **more)
+
+
+def _once(parameters: tuple[Parameter, ...]) -> None:
+    """Refuse parameters that set one place of the deck twice: the whole of a list and an item, too."""
+    taken: list[str] = []
+    for one in parameters:
+        names = next(iter(one.catalogue.values())) if one.catalogue else () if one.targets else (one.name,)
+        for place in [*map(str.lower, one.targets), *(f"parameter/{name}/value".lower() for name in names)]:
+            whole = place.partition("(")[0]
+            twice = any(other in (place, whole) or other.partition("(")[0] == place for other in taken)
+            _need(not twice, f"parameter {one.name}: {place} is set twice, by parameters of which the later would have no effect")
+            taken.append(place)
 
 
 def _known(entry: dict, words: tuple[str, ...], what: str) -> None:
@@ -274,19 +288,22 @@ def _scalar(entry: dict, folder: Path) -> Scalar:
             file, column = options.pop("data"), options.pop("data_column", options.get("column", ""))
             if not isinstance(file, str) or not isinstance(column, str):
                 raise ValueError("data = 'FILE.csv' and data_column = 'NAME' expected")
-            options["measured"] = _measured(folder / file, column)
+            options["measured"], options["measured_units"] = _measured(folder / file, column)
         return Scalar(**options)
     except (TypeError, ValueError, HistoryError) as fault:
         raise StudyError(f"[[result]] {entry.get('name', '')}: {fault}") from None
 
 
-def _measured(path: Path, column: str) -> tuple[tuple[float, ...], ...]:
-    """Return times and values of a measured table, of a response frequencies, real and imaginary parts; StudyError."""
+def _measured(path: Path, column: str) -> tuple[tuple[tuple[float, ...], ...], tuple[str, str]]:
+    """Return times and values of a table, of a response frequencies, real and imaginary parts, and their units; HistoryError."""
     table = read_table(path)
+    of_time = table.units[table.names[0]]
     if column in table or f"{column}.amplitude" not in table:
-        return tuple(table.time.tolist()), tuple(table[column].tolist())
-    response = table[f"{column}.amplitude"] * np.exp(1j * table[f"{column}.phase"])
-    return tuple(table.time.tolist()), tuple(response.real.tolist()), tuple(response.imag.tolist())
+        return (tuple(table.time.tolist()), tuple(table[column].tolist())), (of_time, table.units[column])
+    turn = factor(table.units[f"{column}.phase"] or "rad", "rad")
+    response = table[f"{column}.amplitude"] * np.exp(1j * turn * table[f"{column}.phase"])
+    parts = tuple(table.time.tolist()), tuple(response.real.tolist()), tuple(response.imag.tolist())
+    return parts, (of_time, table.units[f"{column}.amplitude"])
 
 
 def _points(content: dict, parameters: tuple[Parameter, ...]) -> tuple[dict, ...]:

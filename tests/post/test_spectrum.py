@@ -9,6 +9,7 @@ from biela import export
 from biela import spectrum_work as spectrum
 from biela.decays import even_samples, ring_down
 from biela.histories import read
+from biela.programs import compare as compare_command
 from biela.programs import export as export_command
 from biela.programs import spectrum as spectrum_command
 from conftest import ROOT
@@ -214,8 +215,49 @@ def test_tables_keep_every_number_and_name(run):
     assert back["units"]["speed"].item() == "rad/s"
 
 
+def test_orders_of_a_drive_that_turns_clockwise(run, capsys):
+    plain = run / "history.txt"
+    words = [str(run), "--columns", "chirp", "--orders", "crank", "--peaks", "1"]
+    assert spectrum_command.main(words) == 0
+    told = capsys.readouterr().out
+    history = read(run)
+    columns = [-history[name] if name == "crank" else history[name] for name in history.names]
+    plain.write_text(HEAD + "\n".join(" ".join(f"{x:.16e}" for x in row) for row in zip(*columns)) + "\n")
+    assert spectrum_command.main(words) == 0
+    assert capsys.readouterr().out == told
+
+
+def test_an_exported_table_reads_back(tmp_path, capsys):
+    head = "# columns: t[s] units[rad] a_[m/s2] none\n"
+    (tmp_path / "history.txt").write_text(head + "0.0 0.1 0.3 1\n0.5 0.7 1e-17 2\n1.0 -1.25 3.5e+100 3\n")
+    assert export_command.main([str(tmp_path), "--to", "csv"]) == 0
+    found, own = read(tmp_path / "history.csv"), read(tmp_path)
+    assert (found.names, found.units) == (own.names, own.units)
+    assert np.array_equal(found.data, own.data)
+    assert compare_command.main([str(tmp_path), str(tmp_path / "history.csv"), "--tolerance", "0"]) == 0
+    assert export_command.main([str(tmp_path), "--to", "matlab"]) == 0
+    held = loadmat(tmp_path / "history.mat", squeeze_me=True)
+    assert held["units__1"].tolist() == [0.1, 0.7, -1.25]
+    assert {name: str(held["units"][name]) for name in held["units"].dtype.names} == {
+        "t": "s", "units__1": "rad", "a_": "m/s2", "none": "[]" if str(held["units"]["none"]) == "[]" else ""
+    }  # fmt: skip
+
+
+def test_vtk_files_of_others_stay(tmp_path):
+    scene = type("Scene", (), {"time": [0.0], "bodies": {}, "links": [], "springs": []})
+    points = np.zeros((2, 3)), np.array([[0, 1]]), np.array([1])
+    (tmp_path / "motion_000007.vtu").write_text("mine")
+    (tmp_path / "motion_000003.vtu").write_text("of a longer motion")
+    (tmp_path / "motion.pvd").write_text('<DataSet timestep="0" file="motion_000003.vtu"/>')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(export, "lines", lambda *_: points)
+        export.write_vtk(scene, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["motion.pvd", "motion_000000.vtu", "motion_000007.vtu"]
+    assert (tmp_path / "motion_000007.vtu").read_text() == "mine"
+
+
 def test_names_for_matlab_are_unique():
-    assert export.matlab_names(["a.x", "a_x", "1b", "ok"]) == ["a_x", "a_x__1", "x1b", "ok"]
+    assert export.matlab_names(["a.x", "a_x", "1b", "ok", "units"]) == ["a_x", "a_x__1", "x1b", "ok", "units__1"]
 
 
 def test_motion_in_vtk_is_that_of_the_run(run_deck):

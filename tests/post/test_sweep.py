@@ -18,6 +18,7 @@ from biela import mode_following, study_runs, sweep_scalars, sweep_study
 from biela.histories import read
 from biela.programs import sweep as sweep_command
 from biela.sweep_scalars import Scalar
+from biela.units import factor
 from conftest import ROOT, TIMEOUT, wait_for
 from study_decks import ARGUMENT
 
@@ -204,6 +205,106 @@ def test_measures_against_closed_forms():
         assert Scalar("x", measure, "c", at=0.3).of(coarse, np.sin(9.0 * coarse)) == pytest.approx(value, rel=1.0e-5)
     jump = np.where(time < 2.0, 0.0, 1.0 + 0.1 * time)
     assert 1.4 <= Scalar("x", "peak", "c").of(time, jump) <= 1.4 + 1.0e-12
+
+
+@pytest.mark.parametrize("kind", ["mean", "rms"])
+def test_averages_err_by_no_more_than_they_tell(kind):
+    """Of half a sine with few rows, of jumps; of whole vibrations, where the trapezoidal rule is exact."""
+    t = np.linspace(0.0, 0.5, 11)
+    value, error = sweep_scalars.averages(t, np.sin(2.0 * np.pi * t), kind)
+    right = 2.0 / np.pi if kind == "mean" else np.sqrt(0.5)
+    assert abs(value - right) <= max(error, 1e-15) < 3e-4 * right
+    t = np.linspace(0.0, 2.0, 41)
+    value, error = sweep_scalars.averages(t, np.sin(2.0 * np.pi * t), kind)
+    assert value == pytest.approx(0.0 if kind == "mean" else np.sqrt(0.5), abs=1e-15)
+    assert error < 1e-15
+    dice = np.random.default_rng(5)
+    told = []
+    for _ in range(400):
+        t = np.linspace(0.0, dice.uniform(0.3, 3.0), dice.integers(9, 60))
+        jump, omega, phase = dice.uniform(0.0, t[-1]), dice.uniform(1.0, 0.5 * t.size / t[-1]), dice.uniform(0.0, 6.0)
+        size = dice.choice([0.0, 1.0])
+        fine = np.linspace(0.0, t[-1], 20001)
+        law = lambda x: np.sin(omega * x + phase) + size * (x > jump)  # noqa: B023, E731
+        power = 2 if kind == "rms" else 1
+        exact = np.trapezoid(law(fine) ** power, fine) / t[-1]
+        value, error = sweep_scalars.averages(t, law(t), kind)
+        told.append(abs(value - exact ** (1.0 / power)) <= 5.0 * error + 1e-4)
+    assert np.mean(told) > 0.9
+
+
+def test_the_error_of_a_mean_is_told_with_that_of_its_column(tmp_path):
+    """Also of a level in dB, and of rows that are read from a time on."""
+    t = np.linspace(0.0, 0.5, 12)
+    rows = "".join(f"{x:.16e} {np.sin(2 * np.pi * x):.16e}\n" for x in t)
+    (tmp_path / "history.txt").write_text("# columns: t[s] a.x[m/s2]\n" + rows)
+    told = {"transient": {"estimated_errors": {"a.x[m/s2]": 1e-9}, "worst_error_of_range": 1e-9}}
+    (tmp_path / "summary.json").write_text(json.dumps(told))
+    scalars = (Scalar("m", "mean", "a.x"), Scalar("r", "rms", "a.x"), Scalar("level", "rms", "a.x", reference=1e-3))
+    found = sweep_scalars.measure(tmp_path, scalars, errors=True)
+    right = [2.0 / np.pi, np.sqrt(0.5), 20.0 * np.log10(np.sqrt(0.5) / 1e-3)]
+    for value, error, exact in zip(found.values, found.errors, right):
+        assert 1e-9 <= error < 1e-3 * exact
+        assert abs(value - exact) <= 10.0 * error
+
+
+MEASURED = "t[{}],a[{}]\n" + "".join(f"{x / 10},{1 + x / 5}\n" for x in range(11))
+
+
+@pytest.mark.parametrize(
+    ("time", "unit", "misfit"),
+    [("s", "m/s2", 0.0), ("", "", 0.0), ("s", "", 0.0), ("ms", "mm/s2", 0.9980), ("s", "m/s^2", 0.0), ("s", "m/s²", 0.0)],
+)
+def test_what_was_measured_is_taken_in_its_units(tmp_path, time, unit, misfit):
+    """1 + 2 t in m/s2 and s, against the model's 1 + 2 t: in ms and mm/s2 nearly 1 m/s2 apart, over the first millisecond."""
+    t = np.linspace(0.0, 1.0, 21)
+    rows = "".join(f"{x:.16e} {1 + 2 * x:.16e}\n" for x in t)
+    (tmp_path / "history.txt").write_text("# columns: t[s] acc.x[m/s2]\n" + rows)
+    (tmp_path / "m.csv").write_text(MEASURED.format(time, unit).replace("[]", ""))
+    entry = {"name": "m", "measure": "misfit", "column": "acc.x", "data": "m.csv", "data_column": "a"}
+    scalar = sweep_study._scalar(entry, tmp_path)
+    (found,) = sweep_scalars.measure(tmp_path, (scalar,)).values
+    assert found == pytest.approx(misfit, abs=2e-3 if misfit else 1e-12)
+
+
+@pytest.mark.parametrize(("time", "unit"), [("s", "m/s"), ("Hz", "m/s2"), ("s", "volt"), ("s", "rad/s2")])
+def test_units_that_do_not_go_together_are_refused(tmp_path, time, unit):
+    (tmp_path / "history.txt").write_text("# columns: t[s] acc.x[m/s2]\n0 1\n0.5 2\n1 3\n")
+    (tmp_path / "m.csv").write_text(MEASURED.format(time, unit))
+    entry = {"name": "m", "measure": "misfit", "column": "acc.x", "data": "m.csv", "data_column": "a"}
+    with pytest.raises(ValueError, match="what was measured of acc.x: the unit"):
+        sweep_scalars.measure(tmp_path, (sweep_study._scalar(entry, tmp_path),))
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted", "size"),
+    [("ms", "s", 1e-3), ("kNm", "Nm", 1e3), ("N mm", "Nm", 1e-3), ("rpm", "rad/s", np.pi / 30), ("deg/s", "rad/s", np.pi / 180),
+     ("N/mm2", "Pa", 1e6), ("mm/s²", "m/s2", 1e-3), ("1/min", "Hz", 1 / 60), ("%", "-", 0.01), ("MPa", "Pa", 1e6), ("min", "s", 60.0),
+     ("mN", "N", 1e-3), ("µm", "m", 1e-6), ("g", "kg", 1e-3)],
+)  # fmt: skip
+def test_units_are_converted(unit, wanted, size):
+    assert factor(unit, wanted) == pytest.approx(size, rel=1e-14)
+
+
+@pytest.mark.parametrize("second", ["set = 'force/push/fy'", "set = 'FORCE/Push/fy'", "set = ['force/push/fx', 'force/push/fy']"])
+def test_one_place_is_set_by_one_parameter(tmp_path, second):
+    text = STUDY.replace("[[result]]", f"[[parameter]]\nname = 'other'\n{second}\nvalues = [1, 2]\n[[result]]", 1)
+    (tmp_path / "twice.toml").write_text(text)
+    with pytest.raises(sweep_study.StudyError, match="force/push/fy is set twice"):
+        sweep_study.read(tmp_path / "twice.toml")
+
+
+def test_lists_and_items_of_them_are_set_once(tmp_path):
+    for places in (["h/x", "h/x(2)"], ["h/x(2)", "h/x"], ["h/x(2)", "h/x(2)"]):
+        parameters = [sweep_study._parameter({"name": f"p{k}", "set": one, "values": [1]}, tmp_path) for k, one in enumerate(places)]
+        with pytest.raises(sweep_study.StudyError, match="is set twice"):
+            sweep_study._once(tuple(parameters))
+    parameters = [sweep_study._parameter({"name": f"p{k}", "set": f"h/x({k})", "values": [1]}, tmp_path) for k in (1, 2)]
+    sweep_study._once(tuple(parameters))
+    own = [sweep_study._parameter({"name": "L", "values": [1]}, tmp_path)]
+    own.append(sweep_study._parameter({"name": "m", "set": "parameter/l/value", "values": [1]}, tmp_path))
+    with pytest.raises(sweep_study.StudyError, match="parameter/l/value is set twice"):
+        sweep_study._once(tuple(own))
 
 
 def test_extremes_at_corners_and_jumps_are_those_of_rows():
