@@ -296,7 +296,8 @@ def test_one_place_is_set_by_one_parameter(tmp_path, second):
 
 def test_lists_and_items_of_them_are_set_once(tmp_path):
     for places in (["h/x", "h/x(2)"], ["h/x(2)", "h/x"], ["h/x(2)", "h/x(2)"]):
-        parameters = [sweep_study._parameter({"name": f"p{k}", "set": one, "values": [1]}, tmp_path) for k, one in enumerate(places)]
+        entries = [{"name": f"p{k}", "set": one, "values": [1]} for k, one in enumerate(places)]
+        parameters = [sweep_study._parameter(entry, tmp_path) for entry in entries]
         with pytest.raises(sweep_study.StudyError, match="is set twice"):
             sweep_study._once(tuple(parameters))
     parameters = [sweep_study._parameter({"name": f"p{k}", "set": f"h/x({k})", "values": [1]}, tmp_path) for k in (1, 2)]
