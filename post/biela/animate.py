@@ -24,6 +24,7 @@ DARK = "#333333"
 TOUCHED = "#e0452f"
 FILMS = (".gif", ".mp4")
 LONGEST = 8.0  # line of a contact's force, over half the length of a wall
+SHORTEST_FRAME = 0.02  # of a GIF [s]
 MARGIN = 0.1  # around what is drawn, by its larger side
 SHEET = (10.0, 7.5)  # of a sheet of panels at most [inch]
 SHEET_LOOK = LOOK | {"axes.grid": False, "font.size": 9}
@@ -183,6 +184,15 @@ def write_mp4(images: list[Image.Image], path: Path, seconds: float) -> None:
     writer.close()
 
 
+def write_gif(images: list[Image.Image], path: Path, seconds: float) -> None:
+    """Write frames as a GIF of that many seconds: whole hundredths a frame, two at least, since players slow shorter ones down."""
+    count = min(len(images), max(round(seconds / SHORTEST_FRAME), 2))
+    chosen = [images[k] for k in np.linspace(0, len(images) - 1, count).round().astype(int)]
+    ends = np.round(100.0 * seconds * np.arange(count + 1) / count)
+    first, *rest = (image.quantize(64) for image in chosen)
+    first.save(path, save_all=True, append_images=rest, duration=(10.0 * np.diff(ends)).astype(int).tolist(), loop=0)
+
+
 def write(
     scene: Mechanism, stem: Path, frames: int = 100, seconds: float = 5.0, pictures: int = 6, title: str = "", mp4: bool = False
 ) -> list[Path]:
@@ -198,8 +208,7 @@ def write(
             if path.suffix == ".mp4":
                 write_mp4(images, path, seconds)
             elif path.suffix == ".gif":
-                few, *rest = (image.quantize(64) for image in images)
-                few.save(path, save_all=True, append_images=rest, duration=round(1000.0 * seconds / len(images)), loop=0)
+                write_gif(images, path, seconds)
             else:
                 sheet(scene, pictures, title).savefig(path, dpi=110)
             note(path)

@@ -30,6 +30,7 @@ DECADE = 10.0
 MOST_LABELS = 7  # entries of a legend
 MARKS = "osD^vP*X<>"
 EDGE = 1.0e-9  # rounding of a frequency that stands on the band's end
+KEPT = ("poisson", "rayleigh_mass", "rayleigh_stiffness")  # what a conversion takes over as it is
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,7 @@ class MaterialFit:
     points: list[tuple[str, np.ndarray, np.ndarray]]  # label, frequencies [Hz], moduli [Pa] of the data, at the reference
     notes: list[str]  # what the deck's comment says: source, errors by decade, shifts
     curve: MasterCurve | None = None  # of several temperatures, None of one
+    shear: bool = False  # whether the modulus is that of shear
 
     @property
     def warnings(self) -> list[str]:
@@ -88,7 +90,8 @@ class MaterialFit:
         """The lines of a deck: comments, then the `&material` group."""
         values, (low, high) = self.material.assignments(), self.band
         lists = [f"          {key} = {values[key]}" for key in (*GHM_KEYS, *MAXWELL_KEYS) if key in values]
-        head = f"&material name='{self.name}' density={self.density or 1000.0:g} young={values['young']} "
+        static = f"{'shear_modulus' if self.shear else 'young'}={values['young']}"
+        head = f"&material name='{self.name}' density={self.density or 1000.0:g} {static} "
         lists = "\n".join([f"{head}band={low:.6g},{high:.6g}{self.shift}", *lists])
         return "".join(f"! {note}\n" for note in self.notes) + f"\n{lists} /\n"
 
@@ -271,7 +274,7 @@ def fit_table(source: str | Path, options: Options) -> MaterialFit:
         shift = f" ghm_frequency_scale={10.0 ** -curve.shift(at):.6g}"
     notes += as_measured(data)
     options = replace(options, name=options.name or source.stem)
-    return fitted(options, source, points, notes, shift, curve)
+    return replace(fitted(options, source, points, notes, shift, curve), shear=data.shear)
 
 
 def convert(source: Path, options: Options, biela: Path) -> MaterialFit:
@@ -280,7 +283,9 @@ def convert(source: Path, options: Options, biela: Path) -> MaterialFit:
     material = of_group(group)
     said = {key: ",".join(f"{value:.8g}" for value in group.numbers(key)) for key in SHIFT_KEYS}
     shift = "".join(f" {key}={values}" for key, values in said.items() if values)
-    frequency = np.logspace(*np.log10(options.band or band_of(material)), 120)
+    shift += "".join(f" {key}={group.number(key):.8g}" for key in KEPT if key in group.values)
+    stated = tuple(group.number("ghm_frequency_scale", 1.0) * end for end in group.numbers("band"))
+    frequency = np.logspace(*np.log10(options.band or stated or band_of(material)), 120)
     points = [("as stated", frequency, material.modulus(frequency))]
     return fitted(replace(options, name=group.word("name"), density=group.number("density")), source, points, [], shift)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,8 @@ USUAL = {
 FREQUENCY_UNITS = {"hz": 1.0, "khz": 1.0e3, "1/s": 1.0, "rad/s": 0.5 / np.pi, "krad/s": 500.0 / np.pi}
 MODULUS_UNITS = {"pa": 1.0, "kpa": 1.0e3, "mpa": 1.0e6, "gpa": 1.0e9, "n/m2": 1.0, "n/mm2": 1.0e6}
 RATIO_UNITS = {"-": 1.0, "1": 1.0, "": 1.0, "%": 0.01}
+ANGULAR = ("omega", "w")  # names of frequencies whose unit 1/s means rad/s
+SHEAR = ("g",)  # how names of shear moduli begin
 TEMPERATURE_UNITS = {"c": 273.15, "°c": 273.15, "degc": 273.15, "celsius": 273.15, "k": 0.0, "kelvin": 0.0}
 LEAST, LARGEST = 1.0e-100, 1.0e100  # of frequencies [Hz], moduli [Pa], loss factors: rates, squares and ratios stay finite
 HEADING = re.compile(r"(?P<name>.*?)\s*_?[\[(](?P<unit>[^\])]*)[\])]\s*")
@@ -41,6 +43,7 @@ class Measurements:
     temperature: np.ndarray  # of each row [K], NaN where the table states none
     group: np.ndarray  # index of the temperature at which each row was measured, from cold to warm
     zero: float  # of the table's scale of temperature [K]
+    shear: bool = False  # whether it is the shear modulus
 
     @property
     def temperatures(self) -> np.ndarray:
@@ -73,8 +76,12 @@ def read(path: Path, names: dict[str, str] | None = None, units: str = "", toler
     if rows and np.isnan([_number(word) for word in rows[0][1]]).all():
         stated = [word.strip("[]() ") for word in rows.pop(0)[1]]
     where = _find_columns(path, columns, names or {})
-    scale = _scales(path, where, stated, [word.strip() for word in units.split(",")] if units else [])
-    return _measurements(path, rows, where, scale, len(columns), tolerance)
+    scale = _scales(path, columns, where, stated, [word.strip() for word in units.split(",")] if units else [])
+    kinds = {columns[where[one]].lower().startswith(SHEAR) for one in ("storage", "loss") if one in where}
+    if len(kinds) > 1:
+        names = " and ".join(columns[where[one]] for one in ("storage", "loss"))
+        raise DataError(f"{path}: {names}: a modulus of tension and one of shear; two of one kind expected")
+    return replace(_measurements(path, rows, where, scale, len(columns), tolerance), shear=kinds.pop())
 
 
 def _split(line: str, first: str) -> list[str]:
@@ -112,7 +119,7 @@ def _find_columns(path: Path, columns: list[str], names: dict[str, str]) -> dict
     return where
 
 
-def _scales(path: Path, where: dict[str, int], stated: list[str | None], given: list[str]) -> dict[str, float]:
+def _scales(path: Path, columns: list[str], where: dict[str, int], stated: list[str | None], given: list[str]) -> dict[str, float]:
     """Return what each quantity's numbers are multiplied by (temperature: what is added), from their units."""
     kinds = {"frequency": FREQUENCY_UNITS, "storage": MODULUS_UNITS, "loss": MODULUS_UNITS, "factor": RATIO_UNITS}
     kinds["temperature"] = TEMPERATURE_UNITS
@@ -129,7 +136,8 @@ def _scales(path: Path, where: dict[str, int], stated: list[str | None], given: 
         if unit not in exact and unit.lower() not in kinds[quantity]:
             known = ", ".join(filter(None, kinds[quantity]))
             raise DataError(f"{path}: {unit!r} is no unit of {quantity}; one of {known} expected")
-        scale[quantity] = exact.get(unit) or kinds[quantity][unit.lower()]
+        angular = quantity == "frequency" and unit.lower() == "1/s" and columns[k].lower() in ANGULAR
+        scale[quantity] = exact.get(unit) or kinds[quantity]["rad/s" if angular else unit.lower()]
     return scale
 
 

@@ -61,6 +61,12 @@ def axis_label(name: str, unit: str) -> str:
     return " ".join(part for part in (name, f"[{pretty_unit(unit)}]" if unit else "") if part)
 
 
+def heading_label(heading: str) -> str:
+    """Return the label of a heading `name[unit]`: the unit alone is written as units are, a name such as m2 stays."""
+    name, _, unit = heading.partition("[")
+    return axis_label(name, unit.rstrip("]"))
+
+
 def unit_of(runs: list[History], name: str) -> str:
     """Return the unit that the first of the runs that knows one states for a column."""
     return next((run.units[name] for run in runs if run.units.get(name)), "")

@@ -384,15 +384,24 @@ class Report:
         return self.to_dataframe().to_html(na_rep="–")
 
 
+def _names(folders: list[Path]) -> list[str]:
+    """Return the last parts of paths, as many as tell them apart; of one folder given twice a number."""
+    for parts in range(1, 1 + max(len(path.parts) for path in folders)):
+        names = ["/".join(path.parts[-parts:]) for path in folders]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{path.name} ({k})" for k, path in enumerate(folders, 1)]
+
+
 def report(
     folders: list[Path], labels: list[str] | None = None, title: str = "", start: float = -math.inf, end: float = math.inf
 ) -> Report:
     """Return the page about one or two results folders; rows from start to end count [s]; HistoryError: damaged, or more."""
     if len(folders) > 2:
         raise HistoryError(f"{len(folders)} runs: one, or two to compare, expected")
-    labels = labels or [path.resolve().name for path in folders]
-    if len(labels) != len(folders):
-        raise HistoryError(f"{len(labels)} labels for {len(folders)} runs: one each expected")
+    labels = labels or _names([path.resolve() for path in folders])
+    if len(labels) != len(folders) or len(set(labels)) < len(labels):
+        raise HistoryError(f"{len(labels)} labels ({', '.join(labels)}) for {len(folders)} runs: one each expected, all different")
     runs = [load(*found, start, end) for found in zip(folders, labels)]
     title = title or " – ".join(dict.fromkeys(run.figures["title"] or run.figures["deck"] for run in runs))
     return Report(page(runs, title), {run.label: findings(run) for run in runs})

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from .design_runs import Design, Space
 from .optimum import Optimum
 from .picture_files import save, subplots
-from .plot import COLOURS, LOOK, axis_label, mark_beyond, pretty_unit, stacked
+from .plot import COLOURS, LOOK, axis_label, heading_label, mark_beyond, pretty_unit, stacked
 from .sweep_study import Study
 
 ROUNDED = 1.0e-6  # by which a multiplier of 1 may be above it
@@ -50,7 +50,7 @@ def draw(
                     axis.plot(*zip(*points), f"{style}o", markersize=4, color=colour, label=name, clip_on=False)
                 if study.parameters[k].log:
                     axis.set_xscale("log")
-                axis.set_xlabel(pretty_unit(header[k].replace("[", " [")))
+                axis.set_xlabel(heading_label(header[k]))
                 if len(free) == 1 and numeric[k]:
                     _shade_unstable(axis, study, rows, k)
                 if axis.get_legend_handles_labels()[0]:
@@ -92,7 +92,7 @@ def draw_distributions(study: Study, header: list[str], rows: list[list], quanti
                 if column == own + k:
                     axis.axvline(limit, color=COLOURS[2], ls="--", label=f"limit {limit:.4g}")
                     axis.legend(loc="lower right")
-            axis.set_xlabel(pretty_unit(header[own + k].replace("[", " [")))
+            axis.set_xlabel(heading_label(header[own + k]))
             axis.set_ylabel("designs up to it [%]")
         figure.suptitle(f"{study.name}: {values.size} of {len(rows)} designs, quantiles with 95 % intervals", fontsize=10)
     return save(figure, folder / "distributions")
@@ -139,7 +139,7 @@ def _map(study: Study, header: list[str], rows: list[list], free: list[int], res
         return found
 
     def words(column: int) -> str:
-        return pretty_unit(header[column].replace("[", " ["))
+        return heading_label(header[column])
 
     values = table(result)
     with mpl.rc_context(LOOK | {"axes.grid": False}):

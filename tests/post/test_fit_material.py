@@ -261,6 +261,31 @@ def test_units_and_unsorted_rows(tmp_path):
         read(tmp_path / "data.csv", {"storage": "x"})
 
 
+def test_angular_frequencies_and_shear_moduli_are_read_as_what_they_are(tmp_path):
+    data = read(table(tmp_path, "omega[1/s],G'[MPa],G''[MPa]\n6.28318530718,1,0.1\n62.8318530718,2,0.2\n"))
+    np.testing.assert_allclose(data.frequency, [1.0, 10.0])
+    assert data.shear
+    assert (
+        " shear_modulus="
+        in fit_material.fit_table(tmp_path / "data.csv", fit_material.Options(density=1000, law="maxwell", terms=1)).text
+    )
+    assert not read(table(tmp_path, "f[1/s],E'[MPa],E''[MPa]\n1,1,0.1\n10,2,0.2\n")).shear
+    with pytest.raises(DataError, match="a modulus of tension and one of shear"):
+        read(table(tmp_path, "f[Hz],E'[MPa],G''[MPa]\n1,1,0.1\n10,2,0.2\n"))
+
+
+def test_a_conversion_keeps_what_it_does_not_change(tmp_path, biela):
+    """A band that is stated moves with the frequencies' scale, as the solver's does."""
+    terms = "ghm_alpha=1.0 ghm_zeta=2.0 ghm_omega=1000.0 ghm_frequency_scale=10 band=1,100"
+    text = f"&material name='m' density=1100 young=1e6 poisson=0.49 {terms} rayleigh_stiffness=1e-4 /\n"
+    (tmp_path / "m.nml").write_text(text, encoding="utf-8")
+    found = deck_of(
+        tmp_path, fit_material.convert(tmp_path / "m.nml", fit_material.Options(law="maxwell", terms=2), biela).text
+    ).one("material")
+    assert [found.number(key) for key in ("poisson", "rayleigh_stiffness")] == [0.49, 1e-4]
+    assert found.numbers("band") == pytest.approx([10.0, 1000.0])
+
+
 def test_options_that_make_no_sense(tmp_path, capsys):
     path = str(table(tmp_path, ELASTOMER))
     for words in (["--terms", "0"], ["--fastest-pole", "1"], ["--band", "5", "2"], ["--band", "2", "9"], ["--target", "nan"]):

@@ -202,6 +202,24 @@ def test_animation_and_sheet(motion, tmp_path):
     assert orange > 20
 
 
+@pytest.mark.parametrize(("frames", "seconds"), [(100, 5.0), (300, 5.0), (70, 3.0)])
+def test_a_film_is_as_long_as_asked(tmp_path, frames, seconds):
+    images = [Image.fromarray(np.full((8, 8, 3), k % 250, dtype=np.uint8)) for k in range(frames)]
+    animate.write_gif(images, tmp_path / "film.gif", seconds)
+    with Image.open(tmp_path / "film.gif") as film:
+        times = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            times.append(film.info["duration"])
+    assert sum(times) == 1000.0 * seconds
+    assert min(times) >= 20
+
+
+def test_a_name_with_a_digit_is_no_power():
+    assert plot.heading_label("m2[m2]") == "m2 [m²]"
+    assert plot.heading_label("m2") == "m2"
+
+
 def test_animate_refuses_in_one_line(motion, runs, capsys):
     path, other = motion, runs[0] / "motion.txt"
     other.write_text(path.read_text())

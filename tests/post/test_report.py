@@ -6,6 +6,7 @@ import html
 import re
 import shutil
 import subprocess
+from pathlib import Path
 from html.parser import HTMLParser
 
 import numpy as np
@@ -227,10 +228,15 @@ def test_modes_and_responses_have_their_figures(modal_run, monkeypatch):
     assert (section.title, section.parts[0].pictures) == ("Frequency response", ['beam: response to force "tip"'])
 
 
+def test_two_runs_of_one_name_are_told_apart():
+    assert report_tool._names([Path("/a/x/r"), Path("/a/y/r")]) == ["x/r", "y/r"]
+    assert report_tool._names([Path("/a/x/r"), Path("/a/x/r")]) == ["r (1)", "r (2)"]
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["--labels", "one", "two"], "report: 2 labels for 1 runs: one each expected\n"),
+        (["--labels", "one", "two"], "report: 2 labels (one, two) for 1 runs: one each expected, all different\n"),
         (["--output", "."], "report: .: cannot be written (Is a directory)\n"),
         (["--output", "file/page.html"], "report: file/page.html: cannot be written (File exists)\n"),
     ],
