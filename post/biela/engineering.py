@@ -91,8 +91,8 @@ def turning_drives(scene: dict, deck: Deck) -> dict[str, dict]:
     return {sensor: drives[name] for sensor, name in measured.items() if name in drives}
 
 
-def of_drives(table: History, drives: dict[str, dict], deck: Deck, motion: Mechanism | None) -> Iterator[tuple[str, str]]:
-    """Yield torque, power, work of rotational drives whose reaction is measured, and what sensors of power and work say."""
+def of_drives(table: History, drives: dict[str, dict], deck: Deck) -> Iterator[tuple[str, str]]:
+    """Yield what sensors of power and work say, of the rows that count, and torques of rotational drives."""
     names = {name.lower(): name for name in table.names}
     stated = set()
     for group in deck.all("sensor"):
@@ -102,7 +102,7 @@ def of_drives(table: History, drives: dict[str, dict], deck: Deck, motion: Mecha
             continue
         kind = next(one for one in ("drive", "force", "spring", "joint") if group.word(one))
         stated.add((quantity, kind, group.word(kind)))
-        size = f"{table[column][-1]:.4g} J" if quantity == "work" else _power(table.time, table[column])
+        size = f"{table[column][-1] - table[column][0]:.4g} J" if quantity == "work" else _power(table.time, table[column])
         yield f"{'largest ' * (quantity == 'power')}{quantity} of {kind} {group.word(kind)}", size
     for sensor, drive in drives.items():
         name, column = drive["name"].lower(), names.get(f"{sensor}.m")
@@ -111,22 +111,17 @@ def of_drives(table: History, drives: dict[str, dict], deck: Deck, motion: Mecha
         torque = table[column]
         mean = np.trapezoid(torque, table.time) / np.ptp(table.time)
         yield f"torque of drive {drive['name']}", f"{_peak(table.time, torque, 'Nm') or '0 N m'}; mean {mean:.4g} N m"
-        if motion is None or len(motion.time) < 3:
-            continue
-        turns = [np.unwrap(motion.bodies[side["body"].lower()].frame[:, 2]) for side in (drive["a"], drive["b"]) if side["body"]]
-        angle = turns[0] - (turns[1] if len(turns) > 1 else 0.0)  # [rad]
-        inside = (table.time >= motion.time[0]) & (table.time <= motion.time[-1])
-        from scipy.interpolate import CubicSpline  # takes longer to load than all else here
-
-        power = torque[inside] * CubicSpline(motion.time, angle)(table.time[inside], 1)
-        if ("power", "drive", name) not in stated:
-            yield f"largest power of drive {drive['name']}", _power(table.time[inside], power)
-        if ("work", "drive", name) not in stated:
-            yield f"work of drive {drive['name']}", f"{np.trapezoid(power, table.time[inside]):.4g} J"
+        missing = [quantity for quantity in ("power", "work") if (quantity, "drive", name) not in stated]
+        if missing:
+            words = " and ".join(f"quantity='{quantity}'" for quantity in missing)
+            yield (
+                f"{' and '.join(missing)} of drive {drive['name']}",
+                f"not measured: {'sensors' if missing[1:] else 'a sensor'} with {words}",
+            )
 
 
-def of_energy(table: History, transient: dict) -> Iterator[tuple[str, str]]:
-    """Yield largest kinetic energy, what was lost by each cause, the largest first, with its share, and work."""
+def of_energy(table: History, transient: dict, end: float) -> Iterator[tuple[str, str]]:
+    """Yield largest kinetic energy, losses of the run by cause, the largest first, with their shares, and work until an end [s]."""
     if np.any(table["kinetic"]):
         yield "largest kinetic energy", _peak(table.time, table["kinetic"], "J")
     lost = losses(table, transient)
@@ -136,8 +131,9 @@ def of_energy(table: History, transient: dict) -> Iterator[tuple[str, str]]:
         share = f", {100.0 * energy / total:.3g} % of all" if len(lost) > 1 else ""
         terms = ": " + ", ".join(f"{term} {part:.3g} J" for term, part in parts.items()) if len(parts) > 1 else ""
         yield f"energy lost in {cause}", f"{energy:.4g} J{share}{terms}"
-    if np.any(table["work"]):
-        yield "work of drives and loads", f"{table['work'][-1]:.4g} J"
+    work = table["work"][table.time <= end]
+    if np.any(work):
+        yield "work of drives and loads", f"{work[-1] - work[0]:.4g} J"
 
 
 def losses(table: History, transient: dict) -> dict[str, dict[str, float]]:

@@ -163,10 +163,10 @@ def findings(run: Run) -> dict[str, str]:
         all_rows = run.start == -math.inf and run.end == math.inf
         stops = {one["name"].lower(): one.get("largest_force", 0.0) for one in run.figures["transient"].get("stops", [])}
         found += engineering.of_history(table, deck, left_out, stops if all_rows else {})
-        found += engineering.of_drives(table, drives, deck, moved)
+        found += engineering.of_drives(table, drives, deck)
         found += engineering.of_pairs(run.figures["transient"]) if all_rows else []
     if energies is not None:
-        found += engineering.of_energy(energies, run.figures.get("transient", {}))
+        found += engineering.of_energy(energies, run.figures.get("transient", {}), run.end)
     return dict([*found, *engineering.of_modes(run.figures)])
 
 
