@@ -9,7 +9,7 @@ module lapack
                                          c_f_procpointer
   implicit none (type, external)
   private
-  public :: dpbtrf, dsyev, dsteqr, dsygvd, dgesv, dgeev, dgtsv
+  public :: dpbtrf, dsyev, dsteqr, dsygvd, dgesv, dgebal, dgeev, dgtsv
   public :: zgbtrf, zgbtrs, dgesdd, dgeqp3, dorgqr
   public :: use_one_blas_thread, refused_routine
 
@@ -52,6 +52,15 @@ module lapack
       real(wp), intent(out) :: w(*), work(*)            !! eigenvalues, work space [any]
       integer, intent(out) :: iwork(*), info
     end subroutine dsygvd
+    !> Scales rows and columns of a matrix to like sizes.
+    subroutine dgebal(job, n, a, lda, ilo, ihi, scale, info)
+      import :: wp
+      character, intent(in) :: job
+      integer, intent(in) :: n, lda
+      real(wp), intent(inout) :: a(lda, *)   !! matrix, then scaled [any]
+      integer, intent(out) :: ilo, ihi, info
+      real(wp), intent(out) :: scale(*)      !! of columns [-]
+    end subroutine dgebal
     !> Eigenvalues and vectors of a general real matrix.
     subroutine dgeev(jobvl, jobvr, n, a, lda, wr, wi, vl, ldvl, vr, ldvr, work, lwork, info)
       import :: wp

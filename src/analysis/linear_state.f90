@@ -4,6 +4,7 @@ module linear_state
   use kinds, only: wp
   use assembly_conflict, only: deck_line_of
   use assembly_reports, only: too_uneven, weakest_constraint, weakest_text
+  use closed_loops, only: loop_system
   use dynamic_stiffness, only: stiffness_system
   use elastic_operators, only: add_product, mass_product
   use errors, only: failure
@@ -12,9 +13,10 @@ module linear_state
   use force_scale, only: largest_force
   use joint_correction, only: correct_accelerations, balanced
   use joint_geometry, only: condense_geometry
+  use joint_response, only: free_accelerations
   use linear_matrices, only: linear_mechanism
   use linearisation, only: linearise
-  use evaluation_results, only: evaluation
+  use evaluation_results, only: conditions_of, evaluation
   use mechanism, only: mechanism_model
   use mechanism_ode, only: mechanism_system
   use scene_run, only: run_state
@@ -26,6 +28,7 @@ module linear_state
 
   real(wp), parameter :: cancelled = 256*epsilon(1.0_wp)    !! what sums of elastic forces leave of zero [-]
   real(wp), parameter :: rounding = sqrt(epsilon(1.0_wp))   !! accelerations that are nothing beside those without joints [-]
+  real(wp), parameter :: of_each = 1.0e3_wp*epsilon(1.0_wp)   !! and beside those by each force alone, which may cancel [-]
 
 contains
 
@@ -66,7 +69,7 @@ contains
     type(run_state), intent(in) :: run
     associate (ev => run%sys%ev, nq => run%sys%m%s%nq)
       yes = .not. any(abs(run%y(nq + 1:2*nq)) > 0.0_wp)
-      if (yes .and. maxval(abs(ev%a)) > rounding*largest_acceleration(run)) yes = all_is_rounding(run)
+      if (yes .and. maxval(abs(ev%a)) > least_acceleration(run)) yes = all_is_rounding(run)
     end associate
   end function at_equilibrium
 
@@ -124,23 +127,57 @@ contains
     a = max(norm2(run%sys%ev%options%gravity), maxval(abs(run%sys%ev%frame%free)))   ! [m/s2, rad/s2]
   end function largest_acceleration
 
+  !> Accelerations that are rounding: of what acts on frames together, or of forces that cancel, between each other or, of a
+  !> controller, what it senses and what that is to be.
+  pure real(wp) function least_acceleration(run) result(a)
+    type(run_state), intent(in) :: run
+    real(wp), dimension(3, size(run%sys%m%s%bodies)) :: sizes, alone   ! of wrenches [N, N m], [m/s2, rad/s2]
+    integer :: k
+    a = rounding*largest_acceleration(run)             ! [m/s2, rad/s2]
+    sizes = 0.0_wp
+    associate (m => run%sys%m, ev => run%sys%ev)
+      do k = 1, m%s%acting
+        associate (f => m%s%forces(k)%item, x => ev%action(k))
+          call add_size(f%ia, abs(x%a), sizes)
+          if (f%ib /= f%ia) call add_size(f%ib, abs(x%b), sizes)
+          if (f%controller == 0) cycle
+          call add_size(f%ia, ev%control(f%controller)%parts*abs(f%unit_wrench(ev%p, conditions_of(m, ev, k))), sizes)
+        end associate
+      end do
+      call free_accelerations(size(m%s%bodies), sizes, -abs(ev%frame%l), ev%frame%dinv, alone)
+    end associate
+    a = max(a, of_each*maxval([0.0_wp, alone]))
+  contains
+    !> Adds a wrench on a marker to those of its body.
+    pure subroutine add_size(marker, w, sizes)
+      integer, intent(in) :: marker
+      real(wp), intent(in) :: w(3)                    !! [N, N, N m]
+      real(wp), intent(inout) :: sizes(:, :)          !! (3, bodies) [N, N, N m]
+      associate (b => run%sys%m%s%markers(marker)%body, rho => run%sys%ev%p%rho(:, marker))
+        if (b > 0) sizes(:, b) = sizes(:, b) + [norm2(w(1:2)), norm2(w(1:2)), w(3) + norm2(rho)*norm2(w(1:2))]
+      end associate
+    end subroutine add_size
+  end function least_acceleration
+
   !> The dynamic stiffness about the present state. Accelerations that are rounding are set to 0 (all of an equilibrium; angular
   !> ones of a body that falls): they would make the stiffness unsymmetric, and slow motions of rigid ones.
-  subroutine linear_system(run, ds)
+  subroutine linear_system(run, ds, loops)
     type(run_state), intent(inout) :: run
     type(stiffness_system), intent(out) :: ds
+    type(loop_system), intent(out), optional :: loops   !! of controllers, which ds can then close
     type(linear_mechanism) :: lin
     real(wp) :: a(run%sys%m%s%nq)                   ! [m/s2, rad/s2]
     call evaluate_state(run%sys, run%sys%options, run%y)
     a = 0.0_wp
     associate (m => run%sys%m, ev => run%sys%ev)
-      if (.not. at_equilibrium(run)) a = merge(ev%a, 0.0_wp, abs(ev%a) > rounding*largest_acceleration(run))
-      call linear_system_with(m, ev, run%y, a, ev%lambda, ev%action, ds, lin)
+      if (.not. at_equilibrium(run)) a = merge(ev%a, 0.0_wp, abs(ev%a) > least_acceleration(run))
+      if (present(loops)) call loops%build(m, ev, run%y(m%s%nq + 1:2*m%s%nq))
+      call linear_system_with(m, ev, run%y, a, ev%lambda, ev%action, ds, lin, loops)
     end associate
   end subroutine linear_system
 
   !> The linearisation about an evaluated state with given accelerations, multipliers and forces, and its dynamic stiffness.
-  subroutine linear_system_with(m, ev, y, a, lambda, action, ds, lin)
+  subroutine linear_system_with(m, ev, y, a, lambda, action, ds, lin, loops)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
     real(wp), intent(in), contiguous :: y(:)        !! (ny) layout in `scene_model` [m, rad], [m/s, rad/s], [J]
@@ -149,8 +186,10 @@ contains
     type(element_action), intent(in) :: action(:)   !! (force elements)
     type(stiffness_system), intent(out) :: ds
     type(linear_mechanism), intent(out) :: lin
+    type(loop_system), intent(in), optional :: loops   !! that the dynamic stiffness is to close
     logical, allocatable :: dependent(:)
     call linearise(m, ev, y(1:m%s%nq), y(m%s%nq + 1:2*m%s%nq), a, lambda, action, lin)
+    if (present(loops)) call loops%couple(lin)
     allocate (dependent(lin%rows))
     if (lin%rows > 0) then
       call condense_geometry(m, ev)

@@ -1,6 +1,7 @@
 !> The modal analysis: undamped and complex modes of the constrained scene about its present state, into modes.txt.
 module modal_analysis
   use kinds, only: wp, pi
+  use closed_loops, only: loop_system
   use complex_modes, only: find_modes
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
@@ -26,12 +27,13 @@ contains
     type(summary_record), intent(inout) :: text   !! the summary
     type(failure), intent(inout) :: fail
     type(stiffness_system) :: ds
+    type(loop_system) :: loops
     type(mode_set) :: modes
     character(:), allocatable :: words
     logical :: ok, failed
     call remove_own(run%folder//'/modes.txt')
     call run%sys%hold_rows(run%y, run%d%modal%friction /= 'held')
-    call linear_system(run, ds)
+    call linear_system(run, ds, loops)
     call refuse_uneven(run, 'modal analysis', status_failed, fail)
     if (fail%happened()) return
     call warn_of_motion(run, text)
@@ -55,7 +57,7 @@ contains
     else
       call text%warn(words)
     end if
-    call run_loops(run, ds, text, fail)
+    call run_loops(run, ds, loops, text, fail)
   end subroutine run_modal
 
   !> The table of modes for the summary.

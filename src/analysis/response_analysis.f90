@@ -34,15 +34,13 @@ contains
     type(result_file) :: file
     complex(wp), allocatable :: values(:)
     real(wp), allocatable :: now(:)
-    integer :: k, nq
+    integer :: k
     real(wp) :: f
     logical :: exists
     call run%sys%hold_rows(run%y, run%d%response%friction /= 'held')
-    call linear_system(run, ds)
+    call linear_system(run, ds, loops)
     call refuse_uneven(run, 'frequency response', status_failed, fail)
     if (fail%happened()) return
-    nq = run%sys%m%s%nq
-    call loops%build(run%sys%m, run%sys%ev, run%y(nq + 1:2*nq))
     allocate (values(run%list%columns), now(run%list%columns))
     associate (r => run%d%response, y => run%y)
       if (r%drive > 0) call check_drive(run, ds, fail)
@@ -138,10 +136,8 @@ contains
         end associate
       end if
     end associate
-    call ds%set(s, 1.0_wp)
-    call ds%factor()
+    call loops%factor_closed(ds, s, 0)
     call ds%solve(x, exists=exists)
-    call loops%close(ds, s, x)
     lambda(ds%active) = x(ds%n + 1:)
     if (size(ds%active) < size(lambda)) then           ! redundant joints share reactions as in the time domain: least multipliers
       part = reshape([lambda%re, lambda%im], [size(lambda), 2])

@@ -11,7 +11,7 @@ module step_advice
   use spectrum, only: fast_spectrum
   use tableaux, only: method_names
   use text, only: either
-  use step_bounds, only: bound_cause, step_bound, find_bound, take_smaller
+  use step_bounds, only: bound_cause, step_bound, find_bound, take_smaller, windup_poles
   use step_monitor, only: method_number
   use summary_text, only: summary_record
   use validity, only: bend_to_limit
@@ -103,6 +103,7 @@ contains
     call evaluate_start(m, work, q)
     call fast%set_up(m, ev, q)
     call find_safe_bound(m, work, fast, safe)
+    call windup_poles(m, spread(.true., 1, size(m%s%controllers)), safe)
     if (.not. (present(current) .or. fast%damped .or. fast%loops .or. size(fast%lin%segments) > 0)) return
     call find_bound(m, work, .true., fast, assembled)
     call take_smaller(assembled, safe)

@@ -1,6 +1,6 @@
 !> Joints and drives of the model from their records: the factories of both.
 module build_constraints
-  use kinds, only: wp, pi
+  use kinds, only: ip, wp, pi
   use build_history, only: make_history
   use build_profiles, only: make_pair
   use constraint, only: constraint_model
@@ -9,11 +9,14 @@ module build_constraints
   use errors, only: fault_list
   use friction_law, only: coulomb_law, on_pin, on_line, on_pads, on_stop
   use friction_row, only: friction_model
-  use history, only: history_model, breakpoint
+  use history, only: breakpoint, history_model, locate
   use measure, only: measure_model
   use measures, only: difference, distance, line, turns
   use pair_slip_measure, only: pair_slip, pin_in_hole
   use scene_model, only: scene
+  use sequence_history, only: sequence_model
+  use step_counts, only: rounding_of
+  use sum_history, only: compound_model, sum_model
   use text, only: either, short_text
   implicit none (type, external)
   private
@@ -159,9 +162,9 @@ contains
       if (.not. d%transient%present) return            ! nothing else looks beyond t = 0
       breakpoints = h%breakpoints(d%transient%t_end)
       breakpoints = pack(breakpoints, breakpoints%order <= merge(0, 1, r%rate))
-      remedy = ''
-      if (len(h%remedy) > 0) remedy = ': '//h%remedy
       do k = 1, min(size(breakpoints), jumps_shown)
+        remedy = remedy_of(h, breakpoints(k)%time, breakpoints(k)%order)
+        if (len(remedy) > 0) remedy = ': '//remedy
         call r%at%blame(faults, 'history "'//trim(h%name)//'" has a jump'// &
                         either(' of slope', '', breakpoints(k)%order == 1)//' at t = '// &
                         short_text(breakpoints(k)%time, 5)//' s, which no mechanism can follow; expected a '// &
@@ -169,6 +172,39 @@ contains
       end do
     end subroutine check_smooth
   end subroutine make_constraints
+
+  !> What a user can do about a jump of a history: that of the part from which most of it comes.
+  recursive function remedy_of(h, t, order) result(remedy)
+    class(history_model), intent(in) :: h
+    real(wp), intent(in) :: t                     !! [s]
+    integer, intent(in) :: order                  !! derivative that jumps
+    character(:), allocatable :: remedy
+    real(wp) :: before(-1:2), after(-1:2), x      ! [any], [s]
+    real(wp), allocatable :: jumps(:)             ! [any]
+    integer(ip) :: turn
+    integer :: k
+    remedy = h%remedy
+    select type (h)
+    class is (compound_model)
+      allocate (jumps(size(h%parts)))
+      do k = 1, size(h%parts)
+        call h%parts(k)%item%evaluate(t, .true., before)
+        call h%parts(k)%item%evaluate(t, .false., after)
+        jumps(k) = abs(after(order) - before(order))
+      end do
+      select type (h)
+      class is (sum_model)
+        jumps = abs(h%factors)*jumps
+      end select
+      k = maxloc(jumps, 1)
+      remedy = 'in "'//trim(h%parts(k)%item%name)//'" '//remedy_of(h%parts(k)%item, t, order)
+    class is (sequence_model)
+      call locate(h%begins, h%period, t, 0.0_wp, turn, k, x)
+      if (k < 1 .or. k > size(h%parts)) return
+      if (min(x, h%begins(k + 1) - h%begins(k) - x) <= rounding_of(t)) return   ! where parts meet
+      remedy = 'in "'//trim(h%parts(k)%item%name)//'" '//remedy_of(h%parts(k)%item, x, order)
+    end select
+  end function remedy_of
 
   !> Gives tangential rows the markers and the rows of their joints, or the markers of their stops, and their laws to the scene.
   subroutine place_friction(s)

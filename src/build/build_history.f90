@@ -145,10 +145,6 @@ contains
         if (allocated(total%parts(k)%item%breaks)) total%breaks = merged(total%breaks, total%parts(k)%item%breaks)
       end do
     end if
-    do k = 1, size(total%parts)
-      if (len(total%parts(k)%item%remedy) > 0) total%remedy = 'in "'//trim(total%parts(k)%item%name)//'" '// &
-        total%parts(k)%item%remedy
-    end do
     call move_alloc(total, h)
   end subroutine make_sum
 end module build_history

@@ -1,7 +1,6 @@
 !> Controllers in linear algebra, about an evaluated state (theory.md, section 14), each as if it had no limits. T(s) is that of
 !> open loops. Controller c has the transfer function H_c from the sensed quantity, g_c(s).x, to its forces b_c: closing its loop
-!> adds -H_c b_c g_c^T. Responses of closed loops follow by Woodbury's formula, all poles as eigenvalues of the whole system of
-!> first order.
+!> adds -H_c b_c g_c^T. All poles are eigenvalues of the whole system of first order.
 module closed_loops
   use kinds, only: wp
   use controller, only: controller_model, free
@@ -9,14 +8,16 @@ module closed_loops
   use evaluation_results, only: conditions_of, evaluation
   use force_element, only: stage_static
   use frame_axes, only: add_force
-  use lapack, only: dgeev
+  use gyroscopic_modes, only: rigid_motions_first
+  use lapack, only: dgebal, dgeev
+  use linear_matrices, only: linear_mechanism
   use linearisation, only: marker_jacobian, rate_jacobian
   use loads, only: load_model
   use mechanism, only: mechanism_model
-  use natural_modes, only: lowest_natural_modes
-  use reduced_system, only: first_order, reduced_model
-  use small_matrices, only: solve_small
+  use natural_modes, only: lowest_natural_modes, rounding_level
+  use reduced_system, only: first_order, nonzero_part, reduced_model
   use sorting, only: ascending
+  use triplets, only: triplet_matrix
   implicit none (type, external)
   private
 
@@ -31,11 +32,18 @@ module closed_loops
     real(wp), allocatable :: rate(:, :)                !! [-], [m]
   contains
     procedure :: build
-    procedure :: close
+    procedure :: couple
+    procedure :: factor_closed
     procedure :: opened
     procedure :: add_loops
     procedure :: poles
   end type loop_system
+
+  !> Poles, those with Im >= 0, by ascending modulus.
+  type, public :: known_poles
+    complex(wp), allocatable :: lambda(:)              !! [1/s]
+    real(wp), allocatable :: error(:)                  !! of each; a zero that was counted has none [1/s]
+  end type known_poles
 
 contains
 
@@ -79,51 +87,42 @@ contains
     end subroutine add_motion
   end subroutine build
 
-  !> Motions by unit outputs at the s that is factored, and G: what each controller senses of them.
-  subroutine find_responses(self, ds, s, g, motion)
+  !> Adds the loops to a linear system, so that its dynamic stiffness can close them.
+  subroutine couple(self, lin)
+    class(loop_system), intent(in) :: self
+    type(linear_mechanism), intent(inout) :: lin
+    integer :: k
+    allocate (lin%controlled(self%n))
+    do k = 1, self%n
+      call add_product(self%b(:, k), self%place(:, k), lin%controlled(k)%place)
+      call add_product(self%b(:, k), self%rate(:, k), lin%controlled(k)%rate)
+    end do
+  contains
+    !> Adds -b g^T.
+    subroutine add_product(b, g, a)
+      real(wp), intent(in) :: b(:), g(:)               !! (unknowns) [N, N m]; [-], [m], [1/s]
+      type(triplet_matrix), intent(inout) :: a
+      integer :: i
+      associate (rows => pack([(i, i=1, size(b))], abs(b) > 0.0_wp), cols => pack([(i, i=1, size(g))], abs(g) > 0.0_wp))
+        call a%add_block(rows, cols, -matmul(reshape(b(rows), [size(rows), 1]), reshape(g(cols), [1, size(cols)])))
+      end associate
+    end subroutine add_product
+  end subroutine couple
+
+  !> Factors the dynamic stiffness at s with the loops closed, all or all but one. An open loop that is singular there, as of a free
+  !> motion or at its own mode, does no harm.
+  subroutine factor_closed(self, ds, s, opened)
     class(loop_system), intent(in) :: self
     type(stiffness_system), intent(inout) :: ds
     complex(wp), intent(in) :: s                       !! [1/s]
-    complex(wp), intent(out) :: g(:, :)                !! (n, n) [unit of each quantity]
-    complex(wp), intent(out) :: motion(:, :)           !! (n + rows, n) [m, rad], [N]
+    integer, intent(in) :: opened                      !! controller of the loop that is opened, 0: none
     integer :: k
+    call ds%set(s, 1.0_wp)
     do k = 1, self%n
-      motion(:, k) = ds%padded(cmplx(self%b(:, k), 0.0_wp, wp))
-      call ds%solve(motion(:, k))
-      g(:, k) = sensed(self, s, motion(1:ds%n, k))
+      if (k /= opened) call ds%close_loop(k, self%law(k)%response(free, s))
     end do
-  end subroutine find_responses
-
-  !> Quantities that the controllers sense in a motion.
-  pure function sensed(self, s, x) result(y)
-    class(loop_system), intent(in) :: self
-    complex(wp), intent(in) :: s                       !! [1/s]
-    complex(wp), intent(in) :: x(:)                    !! (unknowns) [m, rad]
-    complex(wp) :: y(self%n)                           !! [unit of each quantity]
-    integer :: k
-    y = [(sum((self%place(:, k) + s*self%rate(:, k))*x), k=1, self%n)]
-  end function sensed
-
-  !> The solution of open loops at the s that is factored becomes that of closed ones: outputs u = H (y + G u).
-  subroutine close(self, ds, s, x)
-    class(loop_system), intent(in) :: self
-    type(stiffness_system), intent(inout) :: ds
-    complex(wp), intent(in) :: s                       !! [1/s]
-    complex(wp), intent(inout) :: x(:)                 !! (n + rows) [m, rad], [N]
-    complex(wp) :: g(self%n, self%n), motion(size(x), self%n), u(self%n), h
-    integer :: k
-    if (self%n == 0) return
-    call find_responses(self, ds, s, g, motion)
-    u = sensed(self, s, x(1:ds%n))
-    do k = 1, self%n
-      h = self%law(k)%response(free, s)
-      u(k) = h*u(k)
-      g(k, :) = -h*g(k, :)
-      g(k, k) = g(k, k) + 1
-    end do
-    call solve_small(g, u)
-    x = x + matmul(motion, u)
-  end subroutine close
+    call ds%factor()
+  end subroutine factor_closed
 
   !> The loop of one controller opened, all others closed: -H y of a unit output, 1 + that is zero at a pole.
   complex(wp) function opened(self, ds, s, c) result(l)
@@ -131,73 +130,176 @@ contains
     type(stiffness_system), intent(inout) :: ds
     complex(wp), intent(in) :: s                       !! [1/s]
     integer, intent(in) :: c                           !! controller
-    complex(wp) :: g(self%n, self%n), motion(ds%n + ds%rows, self%n), y(self%n)
-    integer :: k
-    call ds%set(s, 1.0_wp)
-    call ds%factor()
-    call find_responses(self, ds, s, g, motion)
-    y = g(:, c)
-    do k = 1, self%n
-      g(:, k) = -g(:, k)*merge((0.0_wp, 0.0_wp), self%law(k)%response(free, s), k == c)
-      g(k, k) = g(k, k) + 1
-    end do
-    call solve_small(g, y)
-    l = -self%law(c)%response(free, s)*y(c)
+    complex(wp) :: x(ds%n + ds%rows)                   ! [m, rad], [N]
+    call self%factor_closed(ds, s, c)
+    x = ds%padded(cmplx(self%b(:, c), 0.0_wp, wp))
+    call ds%solve(x)
+    l = -self%law(c)%response(free, s)*sum((self%place(:, c) + s*self%rate(:, c))*x(1:ds%n))
   end function opened
 
-  !> All poles with all loops closed, or with one opened: those with Im >= 0 by ascending modulus. ok is false where the eigenvalues
-  !> do not converge. The number of states is returned; above `most_states` no pole is computed.
-  subroutine poles(self, ds, opened, lambda, states, ok)
+  !> All poles with all loops closed, or with one opened. Parts that do not couple are solved one by one, so that slow motions keep
+  !> their digits beside stiff ones.
+  subroutine poles(self, ds, opened, found, states, ok)
     class(loop_system), intent(in) :: self
     type(stiffness_system), intent(inout), target :: ds
     integer, intent(in) :: opened                      !! controller of the loop that is opened, 0: none
-    complex(wp), allocatable, intent(out) :: lambda(:) !! [1/s]
-    integer, intent(out) :: states
-    logical, intent(out) :: ok
+    type(known_poles), intent(out) :: found
+    integer, intent(out) :: states                     !! above `most_states` no pole is computed
+    logical, intent(out) :: ok                         !! false: the eigenvalues do not converge
     type(reduced_model) :: model
-    real(wp), allocatable :: omega2(:), x(:, :), a(:, :), wr(:), wi(:), work(:)
-    real(wp) :: left(1, 1), right(1, 1)
-    integer :: j, c, info
+    real(wp), allocatable :: omega2(:), x(:, :), rotated(:, :), a(:, :), noise(:)
+    integer, allocatable :: label(:), order(:), members(:)
+    integer :: j, c, rigid, part
     c = ds%n - ds%rows
     states = 2*c + sum(self%law%states)
-    allocate (lambda(0))
+    allocate (found%lambda(0), found%error(0))
     ok = .true.
     if (states == 0 .or. states > most_states) return
     call lowest_natural_modes(ds, c, .true., omega2, x, ok)
     if (.not. ok) return
-    call model%build(ds, x, spread(.false., 1, c))
+    if (ds%symmetric .or. c == 0) then
+      call model%build(ds, x, [(abs(omega2(j)) <= rounding_level(ds, x(:, j)), j=1, c)])
+    else
+      call rigid_motions_first(ds, x, rotated, rigid, ok)
+      if (.not. ok) return
+      call model%build(ds, rotated, [(j <= rigid, j=1, c)])
+    end if
+    call find_loop_scale(self, model)
     call first_order(model, [(j, j=1, c)], .true., a)
-    states = size(a, 1) + sum(self%law%states)
+    allocate (noise(size(a, 1)), source=0.0_wp)
+    noise(c + 1:2*c) = model%noise(:, 2)
+    call self%add_loops(model, opened, a, noise)
+    states = size(a, 1)
     if (states > most_states) return
-    call self%add_loops(model, opened, a)
-    allocate (wr(states), wi(states), work(34*states))
-    call dgeev('N', 'N', states, a, states, wr, wi, left, 1, right, 1, work, size(work), info)
-    ok = info == 0
-    lambda = pack(cmplx(wr, wi, wp), wi >= 0.0_wp)
-    lambda = lambda(ascending(abs(lambda)))
+    label = parts_of(a)
+    do part = 1, maxval(label)
+      members = pack([(j, j=1, states)], label == part)
+      call add_part(a(members, members), noise(members), count(members <= 2*c), found, ok)
+      if (.not. ok) return
+    end do
+    order = ascending(abs(found%lambda))
+    found%lambda = found%lambda(order)
+    found%error = found%error(order)
   end subroutine poles
 
+  !> Scales of motions with loops: what a controller does to a motion that it senses in it counts as its stiffness and damping.
+  pure subroutine find_loop_scale(self, model)
+    class(loop_system), intent(in) :: self
+    type(reduced_model), intent(inout) :: model
+    real(wp), dimension(model%p) :: force, place, rate, scale, own   ! [N/sqrt(kg)], [any/sqrt(kg)]; [rad/s]
+    integer :: j, k, n
+    scale = 0.0_wp
+    do k = 1, self%n
+      force = abs(matmul(self%b(:, k), model%basis))
+      place = abs(matmul(self%place(:, k), model%basis))
+      rate = abs(matmul(self%rate(:, k), model%basis))
+      n = self%law(k)%states
+      associate (by_value => abs(self%law(k)%output(n + 1, free)), by_rate => abs(self%law(k)%output(n + 2, free)))
+        scale = max(scale, sqrt(force*place*by_value), force*(place*by_rate + rate*by_value))
+      end associate
+    end do
+    own = [(maxval(abs(model%k(:, j))) + maxval(abs(model%g(:, j))) + maxval(abs(model%c(:, j))), j=1, model%p)]
+    where (scale > 0.0_wp) model%scale = merge(max(model%scale, scale), scale, own > 0.0_wp)
+  end subroutine find_loop_scale
+
+  !> Numbers the parts of a matrix that do not couple.
+  pure function parts_of(a) result(label)
+    real(wp), intent(in) :: a(:, :)                    !! [1/s]
+    integer :: label(size(a, 1))
+    logical :: mine(size(a, 1)), new(size(a, 1))
+    integer :: i, j, parts
+    label = 0
+    parts = 0
+    do j = 1, size(label)
+      if (label(j) > 0) cycle
+      parts = parts + 1
+      mine = .false.
+      new = [(i == j, i=1, size(label))]
+      do while (any(new))
+        mine = mine .or. new
+        new = [(.not. mine(i) .and. any((abs(a(:, i)) > 0.0_wp .or. abs(a(i, :)) > 0.0_wp) .and. new), i=1, size(label))]
+      end do
+      where (mine) label = parts
+    end do
+  end function parts_of
+
+  !> Adds the eigenvalues of one part, of each conjugate pair that with Im >= 0. Zeros are counted by null spaces and are exact. Each
+  !> other one is corrected by its residual, r = y^H (A x - lambda x)/(y^H x); what is left is rounding of that sum, and what rounding
+  !> of the whole matrix makes of the vectors, squared over the distance to the next one.
+  subroutine add_part(matrix, noise, motions, found, ok)
+    real(wp), intent(in) :: matrix(:, :)               !! [1/s]
+    real(wp), intent(in) :: noise(:)                   !! what is rounding in each row [1/s]
+    integer, intent(in) :: motions                     !! unknowns whose columns have this rounding, the first ones
+    type(known_poles), intent(inout) :: found
+    logical, intent(out) :: ok
+    real(wp), parameter :: rounding = 10*epsilon(1.0_wp)   ! of eigenvalues, over the norm of the matrix and their condition [-]
+    real(wp), parameter :: enough = 1.0e-12_wp         ! error that needs no correction, over the modulus [-]
+    real(wp), allocatable :: a(:, :), b(:, :), wr(:), wi(:), vl(:, :), vr(:, :), work(:)
+    real(wp) :: scale(size(noise))                     ! of the unknowns: from here on sizes of rows and vectors mean something
+    complex(wp), allocatable :: x(:), y(:), lambda(:)  ! [any], [1/s]
+    real(wp) :: first, gap, error                      ! [1/s]
+    complex(wp) :: yx                                  ! [-]
+    integer :: i, j, n, zeros, low, high, info
+    b = matrix
+    call dgebal('S', size(noise), b, size(noise), low, high, scale, info)
+    call nonzero_part(b, noise*maxval([0.0_wp, scale(:motions)])/scale, a, zeros)
+    found%lambda = [found%lambda, [((0.0_wp, 0.0_wp), j=1, zeros)]]
+    found%error = [found%error, [(0.0_wp, j=1, zeros)]]
+    n = size(a, 1)
+    ok = .true.
+    if (n == 0) return
+    allocate (wr(n), wi(n), vl(n, n), vr(n, n), work(34*n))
+    b = a
+    call dgeev('V', 'V', n, b, n, wr, wi, vl, n, vr, n, work, size(work), info)
+    ok = info == 0
+    if (.not. ok) return
+    lambda = cmplx(wr, wi, wp)
+    do j = 1, n
+      if (wi(j) < 0.0_wp) cycle
+      x = vr(:, j)
+      y = vl(:, j)
+      if (wi(j) > 0.0_wp) x = cmplx(vr(:, j), vr(:, j + 1), wp)
+      if (wi(j) > 0.0_wp) y = cmplx(vl(:, j), vl(:, j + 1), wp)
+      yx = dot_product(y, x)
+      first = rounding*norm2(a)*norm2(abs(x))*norm2(abs(y))/max(abs(yx), tiny(1.0_wp))
+      gap = minval([huge(1.0_wp), pack(abs(lambda - lambda(j)), [(i /= j, i=1, n)])])
+      error = first
+      if (first > enough*abs(lambda(j)) .and. first < 0.5_wp*gap) then
+        lambda(j) = lambda(j) + dot_product(y, matmul(a, x) - lambda(j)*x)/yx
+        error = min(first, first**2/gap + rounding*sum(abs(y)*(matmul(abs(a), abs(x)) + abs(lambda(j))*abs(x)))/abs(yx))
+      end if
+      if (.not. wi(j) > 0.0_wp) lambda(j)%im = 0.0_wp
+      found%lambda = [found%lambda, lambda(j)]
+      found%error = [found%error, error]
+    end do
+  end subroutine add_part
+
   !> Adds all controllers to the system of first order of a model, with all loops closed or one opened.
-  subroutine add_loops(self, model, opened, a)
+  subroutine add_loops(self, model, opened, a, noise)
     class(loop_system), intent(in) :: self
     type(reduced_model), intent(in) :: model
     integer, intent(in) :: opened                      !! controller of the loop that is opened, 0: none
     real(wp), allocatable, intent(inout) :: a(:, :)    !! of all motions, then with the controllers' states behind [1/s]
-    real(wp), allocatable :: whole(:, :)
+    real(wp), allocatable, intent(inout), optional :: noise(:)   !! what is rounding in each row [1/s]
+    real(wp), allocatable :: whole(:, :), level(:)
     integer :: k, n, states
     n = size(a, 1)
     states = n + sum(self%law%states)
     allocate (whole(states, states), source=0.0_wp)
     whole(1:n, 1:n) = a
+    allocate (level(states), source=0.0_wp)
+    if (present(noise)) level(1:n) = noise
     do k = 1, self%n
-      call add_loop(self, k, merge(0.0_wp, 1.0_wp, k == opened), model, model%p, n, whole)
+      call add_loop(self, k, merge(0.0_wp, 1.0_wp, k == opened), model, model%p, n, whole, level)
       n = n + self%law(k)%states
     end do
     call move_alloc(whole, a)
+    if (present(noise)) call move_alloc(level, noise)
   end subroutine add_loops
 
-  !> One loop in the system of first order, whose first unknowns are scale times the motions, then their rates.
-  subroutine add_loop(self, k, gain, model, c, before, a)
+  !> One loop in the system of first order, whose first unknowns are scale times the motions, then their rates. What a motion that
+  !> the controller does not see leaves of sums is rounding.
+  subroutine add_loop(self, k, gain, model, c, before, a, noise)
     class(loop_system), intent(in) :: self
     integer, intent(in) :: k                           !! controller
     real(wp), intent(in) :: gain                       !! 0: its output does not act, the loop is open; else 1 [-]
@@ -205,24 +307,40 @@ contains
     integer, intent(in) :: c                           !! motions
     integer, intent(in) :: before                      !! unknowns before the controller's states
     real(wp), intent(inout) :: a(:, :)                 !! [1/s]
-    real(wp) :: force(c), y(size(a, 1)), yd(size(a, 1))
+    real(wp), intent(inout) :: noise(:)                !! what is rounding in each row [1/s]
+    real(wp), dimension(c) :: force, place, rate, force_noise, place_noise, rate_noise
+    real(wp), dimension(size(a, 1)) :: y, yd, y_noise, yd_noise
     integer :: i, n
-    force = gain*matmul(self%b(:, k), model%basis)
-    y = 0.0_wp
-    yd = 0.0_wp
-    y(1:c) = matmul(self%place(:, k), model%basis)/model%scale
-    y(c + 1:2*c) = matmul(self%rate(:, k), model%basis)
-    yd(c + 1:2*c) = matmul(self%place(:, k), model%basis)     ! asked for only where the quantity is no rate
+    call on_basis(self%b(:, k), force, force_noise)
+    call on_basis(self%place(:, k), place, place_noise)
+    call on_basis(self%rate(:, k), rate, rate_noise)
+    force = gain*force
+    y = [place/model%scale, rate, [(0.0_wp, i=1, size(a, 1) - 2*c)]]
+    yd = [[(0.0_wp, i=1, c)], place, [(0.0_wp, i=1, size(a, 1) - 2*c)]]     ! asked for only where the quantity is no rate
+    y_noise = [place_noise/model%scale, rate_noise, [(0.0_wp, i=1, size(a, 1) - 2*c)]]
+    yd_noise = [[(0.0_wp, i=1, c)], place_noise, [(0.0_wp, i=1, size(a, 1) - 2*c)]]
     associate (law => self%law(k))
       n = law%states
       do i = 1, c
         a(c + i, :) = a(c + i, :) + force(i)*(law%output(n + 1, free)*y + law%output(n + 2, free)*yd)
         a(c + i, before + 1:before + n) = a(c + i, before + 1:before + n) + force(i)*law%output(1:n, free)
+        noise(c + i) = max(noise(c + i), abs(force(i))*maxval(abs(law%output(n + 1, free))*y_noise &
+                                                              + abs(law%output(n + 2, free))*yd_noise))
       end do
       do i = 1, n
         a(before + i, :) = law%rates(i, n + 1, free)*y + law%rates(i, n + 2, free)*yd
         a(before + i, before + 1:before + n) = a(before + i, before + 1:before + n) + law%rates(i, 1:n, free)
+        noise(before + i) = maxval(abs(law%rates(i, n + 1, free))*y_noise + abs(law%rates(i, n + 2, free))*yd_noise)
       end do
     end associate
+  contains
+    !> Components on the basis, without those that are rounding: of their own sum, or of the basis, which mixes motions.
+    pure subroutine on_basis(v, x, level)
+      real(wp), intent(in) :: v(:)                     !! (unknowns) [any]
+      real(wp), intent(out) :: x(:), level(:)          !! (motions) components, their rounding [any/sqrt(kg)]
+      x = matmul(v, model%basis)
+      level = 1.0e3_wp*epsilon(1.0_wp)*max(matmul(abs(v), abs(model%basis)), maxval(abs(x)))
+      where (abs(x) <= level) x = 0.0_wp
+    end subroutine on_basis
   end subroutine add_loop
 end module closed_loops

@@ -11,7 +11,7 @@ module reduced_system
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: reduced_model, reduced_poles, first_order, usual_unknowns
+  public :: reduced_model, reduced_poles, first_order, nonzero_part, usual_unknowns
 
   integer, parameter :: usual_unknowns = 400           !! of first order that are solved at once
   real(wp), parameter :: uncoupled = 1.0e-8_wp         !! coupling that is rounding [-]
@@ -96,6 +96,7 @@ contains
       self%noise(:, 1) = max(self%noise(:, 1), g)
       self%noise(:, 2) = max(self%noise(:, 2), c)
     end do
+    self%c = without_rounding(self%c, spread(rounding**2*maxval([(self%c(j, j), j=1, self%p)]), 1, self%p))
     do j = 1, self%p
       if (.not. rigid(j)) cycle
       self%k(:, j) = 0.0_wp
@@ -224,7 +225,7 @@ contains
     logical, intent(out) :: ok
     real(wp), intent(in), optional :: closed(:, :)     !! the system of first order with closed loops behind it [1/s]
     real(wp), allocatable :: a(:, :), wr(:), wi(:), vr(:, :), work(:)
-    real(wp), allocatable :: noise(:)                  ! what is rounding in rows [1/s]
+    real(wp), allocatable :: noise(:), rest(:, :)      ! what is rounding in rows, the part without zeros [1/s]
     real(wp) :: left(1, 1)
     complex(wp) :: shape(size(members))                ! [-]
     complex(wp), allocatable :: state(:), lambda(:)    ! [any], [1/s]
@@ -245,7 +246,7 @@ contains
     if (c > e) then
       allocate (noise(n), source=0.0_wp)
       noise(e + 1:e + c) = model%noise(members, merge(2, 1, damped))
-      zeros = zero_eigenvalues(a, noise)
+      call nonzero_part(a, noise, rest, zeros)
     end if
     allocate (wr(n), wi(n), vr(n, n), work(34*n))
     call dgeev('N', 'V', n, a, n, wr, wi, left, 1, vr, n, work, size(work), info)
@@ -331,11 +332,13 @@ contains
 
   !> How many eigenvalues are zero, by the dimensions of null spaces: as many as there are dependent rows, then the same on the
   !> space that the rows span, until all rows are independent (Golub & Wilkinson 1976). The eigenvalues themselves do not show it:
-  !> rounding moves zeros of a Jordan chain farther than slow turning moves others.
-  integer function zero_eigenvalues(matrix, rounded) result(zeros)
+  !> rounding moves zeros of a Jordan chain farther than slow turning moves others. What is left has the other eigenvalues.
+  subroutine nonzero_part(matrix, rounded, a, zeros)
     real(wp), intent(in) :: matrix(:, :)               !! [1/s]
     real(wp), intent(in) :: rounded(:)                 !! what is rounding in each row [1/s]
-    real(wp), allocatable :: a(:, :), q(:, :), noise(:), known(:), tau(:), work(:)
+    real(wp), allocatable, intent(out) :: a(:, :)      !! [1/s]
+    integer, intent(out) :: zeros
+    real(wp), allocatable :: q(:, :), noise(:), known(:), tau(:), work(:)
     integer, allocatable :: pivots(:)
     integer :: n, rank, j, info
     zeros = 0
@@ -360,5 +363,5 @@ contains
       noise = matmul(noise, abs(q(:, 1:rank)))
       deallocate (tau, work, pivots)
     end do
-  end function zero_eigenvalues
+  end subroutine nonzero_part
 end module reduced_system

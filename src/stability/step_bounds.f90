@@ -14,7 +14,7 @@ module step_bounds
   use text, only: either, to_text
   implicit none (type, external)
   private
-  public :: bound_cause, mode_cause, step_bound, find_bound, take_smaller, material_poles, add_mode_bound, step_of
+  public :: bound_cause, mode_cause, step_bound, find_bound, take_smaller, material_poles, add_mode_bound, step_of, windup_poles
 
   real(wp), parameter :: noticed = 0.01_wp       !! smallest part of a step that what limits it costs [-]
   real(wp), parameter :: takes_part = epsilon(1.0_wp)**0.25_wp   !! share of a mode's strain energy from which a body is named [-]
@@ -84,7 +84,25 @@ contains
       call add_mode_bound(m, fast, f, cause, bound)
     end do
     call material_poles(m, ev, with_joints, fast, fastest, bound)
+    if (with_joints) call windup_poles(m, ev%control%limited /= 0, bound)
   end subroutine find_bound
+
+  !> Controllers at a limit: the integral follows the output with a pole of its own.
+  subroutine windup_poles(m, limited, bound)
+    type(mechanism_model), intent(in) :: m
+    logical, intent(in) :: limited(:)          !! (controllers) it is at a limit, or the motion may lead there
+    type(step_bound), intent(inout) :: bound
+    type(bound_cause) :: cause
+    integer :: k
+    do k = 1, size(m%s%controllers)
+      associate (c => m%s%controllers(k))
+        if (.not. (limited(k) .and. c%winds_back())) cycle
+        cause%what = 'the windup of controller "'//trim(c%name)//'" while its output is at a limit'
+        cause%controller = k
+        call keep_smallest([cmplx(-1/c%windup_time, 0.0_wp, wp)], cause, bound)
+      end associate
+    end do
+  end subroutine windup_poles
 
   !> One pole of the mechanism with its motion, where it lowers a bound. It is a loop's where open loops would allow larger steps.
   subroutine add_pole_bound(m, ev, fast, poles, pole, bound)

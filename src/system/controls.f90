@@ -5,7 +5,6 @@ module controls
   use controller, only: free, at_upper, at_lower, unset, control_parts
   use evaluation_results, only: evaluation
   use evaluation_settings, only: evaluation_options
-  use force_element, only: stage_static
   use marker_motion, only: marker_displacement, marker_kinematics
   use measure, only: measured
   use mechanism, only: mechanism_model
@@ -29,9 +28,10 @@ contains
     integer :: law
     associate (c => m%s%controllers(k), x => ev%control(k))
       associate (first => c%first + 1, last => c%first + c%states)
-        if (options%stage == stage_static) then
+        if (.not. options%controlled) then
           ev%zdd(first:last) = 0.0_wp
           x%output = 0.0_wp
+          x%limited = 0
           return
         end if
         w = c%inputs(ev%p, t, options%left_limit, z(first:last))
@@ -39,6 +39,7 @@ contains
         ev%zdd(first:last) = matmul(c%rates(:, :, law), w)
         x%output = dot_product(c%output(:, law), w)
         x%error = dot_product(c%error, w)
+        x%parts = maxval(abs(c%demand*w))
         x%limited = c%limited(law, x%output)
       end associate
     end associate
@@ -123,7 +124,7 @@ contains
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     real(wp), intent(inout) :: f(:)           !! (nz) those of controllers are set [any/s]
     integer :: k
-    if (size(m%s%controllers) == 0 .or. options%stage == stage_static) return
+    if (size(m%s%controllers) == 0 .or. .not. options%controlled) return
     call marker_kinematics(m, ev, q, v)
     do k = 1, size(m%s%controllers)
       call one_input(m, ev, t, k, f)

@@ -6,7 +6,7 @@ module evaluation_results
   use constraint, only: constraint_rows, row_motion
   use controller, only: unset
   use evaluation_settings, only: evaluation_options
-  use force_element, only: conditions, element_action, stage_static
+  use force_element, only: conditions, element_action
   use marker, only: marker_states
   use mechanism, only: mechanism_model
   use multipliers, only: multiplier_system
@@ -63,6 +63,7 @@ module evaluation_results
   type, public :: control_results
     integer :: state = unset                    !! discrete state; of a sampled one the number of the next sample
     integer :: limited = 0                      !! 1: at its upper limit, -1: at the lower one
+    real(wp) :: parts = 0.0_wp                  !! largest of the sum that its demand is [any]
     real(wp) :: output = 0.0_wp                 !! [any]
     real(wp) :: error = 0.0_wp                  !! [m, rad, or per second]
   end type control_results
@@ -186,7 +187,7 @@ contains
     i = m%s%forces(k)%item%controller
     if (i > 0) then
       with%signal = ev%control(i)%output
-      if (with%stage /= stage_static) with%slopes = m%s%controllers(i)%slopes(ev%control(i)%limited)
+      if (ev%options%controlled) with%slopes = m%s%controllers(i)%slopes(ev%control(i)%limited)
     end if
     i = m%s%forces(k)%item%motion_factor
     if (i > 0) then

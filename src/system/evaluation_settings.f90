@@ -13,6 +13,7 @@ module evaluation_settings
     real(wp) :: load_factor = 1.0_wp            !! fraction of the loads that acts [-]
     real(wp) :: prestress = 1.0_wp              !! fraction of the springs' prestress that acts [-]
     integer :: stage = stage_transient          !! the analysis: a stage of `force_element`
+    logical :: controlled = .true.              !! controllers are switched on: from the end of a static analysis on
     logical :: left_limit = .false.             !! jumps of histories at the time of evaluation do not act yet
     real(wp) :: baumgarte(2) = 0.0_wp           !! alpha, beta [1/s]
     logical :: accept_weak_pivots = .false.     !! solves the joints' equations as they are, however nearly singular

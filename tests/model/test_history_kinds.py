@@ -485,3 +485,40 @@ def test_tables_that_end_where_the_motion_turns(run_deck):
     steps = ("5e-5", "1e-4", "2.3e-4")  # the first and the last one had events without end
     places = [run_deck(DEAD_CENTRE, "--set", f"transient/step={step}").history["place.x"][-1] for step in steps]
     assert np.allclose(places, places[0], rtol=0, atol=1e-9)
+
+
+SLIDE = """&body name='cart' kind='rigid' mass=2 inertia=0.1 /
+&joint name='way' type='prismatic' body_a='cart' body_b='ground' /
+&drive name='d' type='position' body_a='cart' history='h' /
+&transient t_end=1 method='radau' tolerance=1e-8 output_step=0.1 /
+"""
+
+
+@pytest.mark.parametrize("short", ["1e-3", "1e-6", "1e-9"])
+def test_a_jump_of_slope_is_seen_beside_a_short_part(run_deck, short):
+    """0.5 m/s end where a part begins that stands still, however short that is."""
+    deck = f"""&history name='go' coefficients=0,0.5 /
+&history name='stay' coefficients=0.25 /
+&history name='h' kind='sequence' histories='go','stay','stay' durations=0.5,{short},0.5 /
+"""
+    refused = run_deck(deck + SLIDE, "--check", expect=2)
+    assert "a jump of slope at t = 5.00000E-01 s" in refused.stderr
+    smooth = deck.replace("'go' coefficients=0,0.5", "'go' kind='cycloid' start=0 finish=0.5 start_value=0 end_value=0.25")
+    run_deck(smooth + SLIDE, "--check", name="smooth")
+
+
+def test_the_part_of_a_history_that_jumps_is_named(run_deck):
+    """Of a sum the part from which most of the jump comes; a part of a sequence that jumps within it."""
+    deck = """&history name='h' kind='sum' histories='still','seq','late' factors=3,2,-1 /
+&history name='still' kind='table' time=0,0.5,1,2 value=0,1,1,0 interpolation='pchip' ends='rest' /
+&history name='late' kind='pulse' value=1 start=0.7 finish=0.8 /
+&history name='seq' kind='sequence' histories='one','two' durations=0.3,0.6 /
+&history name='one' coefficients=0 /
+&history name='two' kind='table' time=0,0.1,0.2 value=0,0,1 interpolation='linear' /
+"""
+    told = run_deck(deck + SLIDE, "--check", expect=2).stderr.splitlines()
+    assert 't = 4.00000E-01' in told[0]
+    assert told[0].endswith("""in "seq" in "two" interpolation='pchip' ends='rest'""")
+    assert 't = 5.00000E-01' in told[1]
+    assert 't = 7.00000E-01' in told[2]
+    assert told[2].endswith('in "late" a ramp or a cycloid instead of the pulse')

@@ -3,6 +3,7 @@
 module static_analysis
   use kinds, only: wp
   use result_columns, only: motion_columns, motion_row, result_column
+  use controls, only: switch_on_controls
   use equilibrium, only: find_contacts, find_equilibrium, equilibrium_report
   use equilibrium_growth, only: find_growth
   use errors, only: failure, status_failed, status_bad_input
@@ -33,6 +34,7 @@ contains
     type(evaluation_options) :: options
     options = run%sys%options
     options%stage = stage_static
+    options%controlled = .false.
     names = in_quotes(pack(run%sys%m%s%bodies%name, free_bodies_under(run, options, both_ways=.true.)))
     if (len(names) == 0) return
     names = names//'; expected joints, drives, springs, elastic bodies, or weight and loads that change with the position, '// &
@@ -56,6 +58,7 @@ contains
     nq = run%sys%m%s%nq
     loose = loose_bodies(run)
     run%sys%options%stage = stage_static
+    run%sys%options%controlled = .false.
     call watch%begin(run%sys%m)
     do k = 1, size(run%sys%m%s%bodies)               ! elastic coordinates are at rest
       associate (i => nq + run%sys%m%s%qo(k) + 3)
@@ -100,6 +103,10 @@ contains
     call text%warn(watch%warnings(run%sys%m, run%sys%ev, 'in the static analysis '), outside=.true.)
     if (fail%happened()) return
     call find_growth(run, rate, body)
+    run%sys%options%controlled = .true.
+    associate (s => run%sys%m%s, y => run%y)
+      call switch_on_controls(run%sys%m, run%sys%ev, y(1:s%nq), y(s%nq + 1:2*s%nq), y(2*s%nq + 1:2*s%nq + s%nz))
+    end associate
     if (rate > 0.0_wp) call text%warn('the static equilibrium is unstable: without damping small motions about it, most of all '// &
       'of body "'//trim(run%sys%m%s%bodies(body)%name)//'", grow at '//to_text(rate)//' 1/s (&modal shows them)')
   end subroutine run_static

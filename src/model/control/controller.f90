@@ -60,6 +60,7 @@ module controller
     procedure :: delayed
     procedure :: breakpoints
     procedure :: size_of
+    procedure :: winds_back
   end type controller_model
 
 contains
@@ -188,13 +189,16 @@ contains
     yes = demand > self%upper + slack .or. demand < self%lower - slack
   end function is_beyond
 
-  !> Whether its output is at a limit: 1 the upper, -1 the lower one.
+  !> Whether its output is at a limit: 1 the upper, -1 the lower one. A held output is a state, and known to the rounding of steps.
   pure integer function limited(self, law, output)
     class(controller_model), intent(in) :: self
     integer, intent(in) :: law
     real(wp), intent(in) :: output            !! [any]
     limited = law
-    if (self%sample > 0.0_wp) limited = merge(1, merge(-1, 0, output <= self%lower), output >= self%upper)
+    if (.not. self%sample > 0.0_wp) return
+    limited = 0
+    if (self%lower > -huge(1.0_wp) .and. output <= self%lower + half_digits*abs(self%lower)) limited = at_lower
+    if (self%upper < huge(1.0_wp) .and. output >= self%upper - half_digits*abs(self%upper)) limited = at_upper
   end function limited
 
   !> Its roots: the distance to both limits, the return from one, or the time to the next sample.
@@ -305,6 +309,13 @@ contains
     size = change
     if (any(k == [self%integral, self%sampled])) size = change*(abs(self%kp) + abs(self%ki) + abs(self%kd))   ! in a second
   end function size_of
+
+  !> Whether its integral follows the output while that is at a limit, along the steps of a method.
+  pure logical function winds_back(self) result(yes)
+    class(controller_model), intent(in) :: self
+    yes = self%integral > 0 .and. self%windup_time > 0.0_wp .and. .not. self%sample > 0.0_wp .and. &
+          (self%upper < huge(1.0_wp) .or. self%lower > -huge(1.0_wp))
+  end function winds_back
 
   !> Times at which its output is not smooth: a derivative without a filter follows the reference's slope.
   pure function breakpoints(self, until) result(list)

@@ -3,7 +3,7 @@
 module loads
   use kinds, only: wp
   use constraint, only: marker_stiffness
-  use force_element, only: conditions, element_action, force_model, stage_all, stage_transient
+  use force_element, only: conditions, element_action, force_model, stage_all, stage_static, stage_transient
   use history, only: breakpoint, history_model
   use marker, only: marker_states, turn
   implicit none (type, external)
@@ -36,7 +36,11 @@ contains
     type(conditions), intent(in) :: with
     real(wp) :: h(-1:2)                    ! [any]
     s = 0.0_wp
-    if (self%stage /= stage_all .and. self%stage /= with%stage) return
+    if (self%controller > 0) then          ! it acts where the controller is switched on
+      if (self%stage == stage_static) return
+    else if (self%stage /= stage_all .and. self%stage /= with%stage) then
+      return
+    end if
     s = with%load_factor
     if (self%controller + self%motion_factor > 0) s = with%signal*with%load_factor
     if (.not. allocated(self%history)) return

@@ -5,6 +5,9 @@ module sequence_history
   implicit none (type, external)
   private
 
+  integer, parameter :: samples = 4                !! within a part, that show how large its slopes are
+  real(wp), parameter :: rounded = 1.0e-9_wp       !! share of values by which slopes are known, where jumps of 1e-6 count [-]
+
   !> Before the first and after the last part the value stays; a periodic one repeats.
   type, extends(history_model), public :: sequence_model
     type(history_box), allocatable :: parts(:)
@@ -25,9 +28,9 @@ contains
     real(wp), intent(in) :: durations(:)     !! of the parts [s]
     logical, intent(in) :: periodic          !! after the last part the first one comes again
     real(wp), dimension(-1:2, size(durations) + 1) :: before, after   ! limits from below and above where parts begin
-    real(wp) :: middle(-1:2), size_of(0:2)
+    real(wp) :: inner(-1:2), part_size(2, size(durations)), size_of(0:2)
     type(breakpoint), allocatable :: list(:)
-    integer :: k, n
+    integer :: j, k, n
     n = size(durations)
     allocate (self%area(n + 1))
     self%begins = running_sum(start, durations)
@@ -41,14 +44,21 @@ contains
     do k = 1, n
       associate (part => self%parts(k)%item)
         call part%evaluate(0.0_wp, .false., after(:, k))
-        call part%evaluate(0.5_wp*durations(k), .false., middle)
         call part%evaluate(durations(k), .true., before(:, k + 1))
+        part_size(:, k) = max(abs(after(1:, k)), abs(before(1:, k + 1)))
+        size_of(0) = max(size_of(0), abs(after(0, k)), abs(before(0, k + 1)))
+        do j = 1, samples
+          call part%evaluate(j*(durations(k)/(samples + 1)), .false., inner)
+          part_size(:, k) = max(part_size(:, k), abs(inner(1:)))
+          size_of(0) = max(size_of(0), abs(inner(0)))
+        end do
         self%area(k) = self%area(n + 1) - after(-1, k)
         self%area(n + 1) = self%area(n + 1) + (before(-1, k + 1) - after(-1, k))
-        size_of(0) = max(size_of(0), abs(after(0, k)), abs(middle(0)), abs(before(0, k + 1)))
       end associate
     end do
-    size_of(1:2) = size_of(0)/minval(durations)**[1, 2]
+    do k = 1, n                              ! what is rounding of values is so of slopes, over the length of the part
+      part_size(:, k) = max(part_size(:, k), rounded*size_of(0)/durations(k)**[1, 2])
+    end do
     self%outside = [after(0, 1), before(0, n + 1)]
     before(:, 1) = [0.0_wp, self%outside(1), 0.0_wp, 0.0_wp]
     after(:, n + 1) = [0.0_wp, self%outside(2), 0.0_wp, 0.0_wp]
@@ -56,6 +66,7 @@ contains
     allocate (self%breaks(0))
     do k = 1, n + 1
       if (periodic .and. k > n) exit
+      size_of(1:) = max(part_size(:, min(k, n)), part_size(:, merge(k - 1, merge(n, 1, periodic), k > 1)))
       list = [breakpoint(self%begins(k), breakpoint_order(before(0:, k), after(0:, k), size_of))]
       self%breaks = merged(self%breaks, list)
       if (k > n) exit

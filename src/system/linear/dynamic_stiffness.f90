@@ -9,7 +9,7 @@ module dynamic_stiffness
   use kinds, only: wp, half_digits
   use accurate_product, only: add_accurate
   use bordered, only: bordered_system
-  use linear_matrices, only: linear_mechanism, ghm_group, union_of_patterns, gather, make_groups
+  use linear_matrices, only: linear_mechanism, ghm_group, loop_entries, union_of_patterns, gather, make_groups, make_loops
   use mechanism, only: mechanism_model
   use sparse_pattern, only: symmetric_pattern
   implicit none (type, external)
@@ -29,6 +29,7 @@ module dynamic_stiffness
     real(wp), allocatable :: forces(:)         !! (n) forces that may cancel in k_ij: forces(i) forces(j) [(N/m)^1/2, (N m)^1/2]
     real(wp), allocatable :: joint(:)          !! (entries) J and J^T [-, m]
     type(ghm_group), allocatable :: groups(:)
+    type(loop_entries), allocatable :: controlled(:)   !! (controllers) loops that may be closed
     complex(wp), allocatable :: inertia(:)     !! (entries) part of inertia, damping and joints in it [as k]
     complex(wp), allocatable :: values(:)      !! (entries) the bordered matrix at the present s [as k]
     complex(wp), allocatable :: slope(:)       !! (entries) its derivative [as c]
@@ -44,6 +45,7 @@ module dynamic_stiffness
     procedure :: build
     procedure :: set
     procedure :: set_real
+    procedure :: close_loop
     procedure :: factor
     procedure :: modes_below
     procedure :: solve
@@ -89,6 +91,7 @@ contains
       self%joint(b) = self%joint(b) + lin%jacobian%values(k)
     end do
     call make_groups(self, lin, self%groups)
+    call make_loops(self, lin, self%controlled)
     allocate (loops(size(self%row)), source=0.0_wp)
     call gather(self, lin%loops, loops)
     call classify(self, loops)
@@ -166,6 +169,17 @@ contains
       end associate
     end do
   end subroutine set
+
+  !> Closes the loop of a controller in the matrix that was set last.
+  subroutine close_loop(self, k, h)
+    class(stiffness_system), intent(inout) :: self
+    integer, intent(in) :: k                   !! controller
+    complex(wp), intent(in) :: h               !! its output over what it senses, at the present s [any]
+    associate (loop => self%controlled(k), e => self%controlled(k)%entry)
+      self%inertia(e) = self%inertia(e) + h*(loop%place + self%s*loop%rate)
+      self%values(e) = self%values(e) + h*(loop%place + self%s*loop%rate)
+    end associate
+  end subroutine close_loop
 
   !> Sets the symmetric part of the stiffness + shift M, with the joints.
   subroutine set_real(self, shift)

@@ -10,7 +10,8 @@ module linear_matrices
   use viscoelastic_law, only: viscoelastic_terms
   implicit none (type, external)
   private
-  public :: linear_mechanism, linear_segment, count_segments, number_laws, ghm_group, union_of_patterns, gather, make_groups
+  public :: linear_mechanism, linear_segment, linear_loop, count_segments, number_laws, ghm_group, loop_entries
+  public :: union_of_patterns, gather, make_groups, make_loops
 
   !> Stiffness that one set of viscoelastic terms multiplies.
   type :: linear_segment
@@ -21,6 +22,11 @@ module linear_matrices
     type(triplet_matrix) :: stiffness        !! K_r at E_R
   end type linear_segment
 
+  !> The loop of a controller, -b (place + s rate)^T: forces of a unit output, and what is sensed of a motion.
+  type :: linear_loop
+    type(triplet_matrix) :: place, rate      !! n x n
+  end type linear_loop
+
   !> The linear system.
   type :: linear_mechanism
     integer :: n = 0                         !! unknowns (as many as coordinates, same offsets)
@@ -29,6 +35,7 @@ module linear_matrices
     type(triplet_matrix) :: loops            !! n x n: part of the damping by forces that follow rates of other bodies
     type(triplet_matrix) :: jacobian         !! rows x n
     type(linear_segment), allocatable :: segments(:)
+    type(linear_loop), allocatable :: controlled(:)   !! (controllers) where loops are to be closed
     integer, allocatable :: before(:)        !! (bodies) segments of the bodies before
   end type linear_mechanism
 
@@ -40,6 +47,12 @@ module linear_matrices
     real(wp), allocatable :: rounded_off(:)    !! its rounding error [N/m ...]
   end type ghm_group
 
+  !> Entries that the transfer function of one controller multiplies.
+  type :: loop_entries
+    integer, allocatable :: entry(:)           !! entries of the pattern
+    real(wp), allocatable :: place(:)          !! there [-], [m]
+    real(wp), allocatable :: rate(:)           !! what s multiplies there [s], [m s]
+  end type loop_entries
 
 contains
 
@@ -107,6 +120,7 @@ contains
     integer, allocatable :: r(:), c(:)
     integer :: k, filled
     k = lin%mass%count + lin%damping%count + lin%stiffness%count + sum(lin%segments%stiffness%count) + lin%jacobian%count
+    if (allocated(lin%controlled)) k = k + sum(lin%controlled%place%count) + sum(lin%controlled%rate%count)
     allocate (r(k), c(k))
     filled = 0
     call append(lin%mass)
@@ -115,6 +129,12 @@ contains
     do k = 1, size(lin%segments)
       call append(lin%segments(k)%stiffness)
     end do
+    if (allocated(lin%controlled)) then
+      do k = 1, size(lin%controlled)
+        call append(lin%controlled(k)%place)
+        call append(lin%controlled(k)%rate)
+      end do
+    end if
     call append(lin%jacobian)
     k = filled - lin%jacobian%count
     r(k + 1:) = number_of(r(k + 1:))
@@ -185,4 +205,27 @@ contains
       groups(g)%rounded_off = rest(entry(:n))
     end do
   end subroutine make_groups
+
+  !> Loops of controllers on the pattern.
+  subroutine make_loops(self, lin, loops)
+    class(symmetric_pattern), intent(in) :: self
+    type(linear_mechanism), intent(in) :: lin
+    type(loop_entries), allocatable, intent(out) :: loops(:)
+    real(wp), dimension(size(self%row)) :: place, rate   ! [-], [m]; [s], [m s]
+    integer :: k, e
+    if (.not. allocated(lin%controlled)) then
+      allocate (loops(0))
+      return
+    end if
+    allocate (loops(size(lin%controlled)))
+    do k = 1, size(loops)
+      place = 0.0_wp
+      rate = 0.0_wp
+      call gather(self, lin%controlled(k)%place, place)
+      call gather(self, lin%controlled(k)%rate, rate)
+      loops(k)%entry = pack([(e, e=1, size(place))], abs(place) + abs(rate) > 0.0_wp)
+      loops(k)%place = place(loops(k)%entry)
+      loops(k)%rate = rate(loops(k)%entry)
+    end do
+  end subroutine make_loops
 end module linear_matrices
