@@ -238,9 +238,7 @@ contains
       call follow_damping(ds, 1/sqrt(real(count(s%model%label == part), wp)), pole, vibrates)   ! it may meet those of its part
       if (.not. vibrates) cycle
       k = modes%find_alike(ds, pole%lambda, pole%x, vibration_mode)
-      if (k > 0) then                                  ! another mode has this vibration: are both one without damping, too?
-        if (.not. ended_near(s%starts(j), s%starts(modes%mode(k)))) cycle
-      end if
+      if (k > 0) cycle                                 ! another mode has this vibration
       call modes%add(vibration_mode, j, pole%lambda, residual_of(ds, pole%lambda, pole%x, 1.0_wp), pole%x)
     end do
   end subroutine list_vibrations
@@ -264,6 +262,7 @@ contains
       if (.not. ok) modes%not_converged = modes%not_converged + 1
       if (.not. ok) cycle
       expected = expected + size(poles%lambda)
+      modes%alone = modes%alone + poles%alone
       order = ascending(abs(poles%lambda))      ! of each part the slowest first, however the eigenvalues have been found
       do k = 1, size(order)
         i = order(k)
@@ -323,12 +322,23 @@ contains
     owner = nearest_mode(shape, s%shapes)
     if (owner > s%listed .and. pole%lambda%im > 0.0_wp) return   ! the vibration of a mode that is not asked for
     kind = further_mode
-    if (owner <= s%listed .and. s%starts(owner)%im > 0.0_wp .and. &
-        .not. any(modes%kind == vibration_mode .and. modes%mode == owner)) kind = vibration_mode
+    if (owner <= s%listed) then
+      do k = 1, s%listed                               ! modes of one frequency: one that has no vibration yet
+        if (.not. has_vibration(owner)) exit
+        if (ended_near(s%starts(k), s%starts(owner)) .and. .not. has_vibration(k)) owner = k
+      end do
+      if (s%starts(owner)%im > 0.0_wp .and. .not. has_vibration(owner)) kind = vibration_mode
+    end if
     if (owner > s%listed) owner = nearest_mode(shape, s%shapes(:, 1:s%listed))
     if (pole%lambda%im <= 0.0_wp) kind = real_pole
     call modes%add(kind, owner, pole%lambda, residual, pole%x)
     modes%matched(modes%count) = .true.
+  contains
+    !> Whether the list has the vibration of a mode.
+    pure logical function has_vibration(mode) result(yes)
+      integer, intent(in) :: mode
+      yes = any(modes%kind == vibration_mode .and. modes%mode == mode)
+    end function has_vibration
   end subroutine list_pole
 
   !> The pole that a search from an estimate finds. From real numbers it finds real poles alone, but two real estimates may

@@ -6,8 +6,8 @@ module mode_list
   use kinds, only: wp, pi
   use dynamic_stiffness, only: stiffness_system
   use natural_modes, only: highest_ratio
-  use pole_iteration, only: alike
-  use text, only: to_text
+  use pole_iteration, only: same_shape
+  use text, only: either, to_text
   implicit none (type, external)
   private
   public :: mode_set, residual_of, check_undamped, check_whole, describe_searched, say_what_is_missing
@@ -31,6 +31,7 @@ module mode_list
     logical, allocatable :: matched(:)                 !! a search from a pole of the reduced system has ended at it
     complex(wp), allocatable :: unfound(:)             !! undamped modes asked for and not found, nearly [1/s]
     integer :: not_converged = 0                       !! searches for further poles that did not end at one
+    integer :: alone = 0                               !! poles of viscoelastic terms alone, in which nothing moves: not in the list
     integer :: missing_undamped = 0                    !! modes that are counted and not in the list
     integer :: missing = 0                             !! poles that the list lacks though all eigenvalues were computed
     logical :: counted = .true.                        !! false: undamped modes cannot be counted for rounding
@@ -53,22 +54,48 @@ contains
     self%note_damped = ''
   end subroutine clear
 
-  !> The number of a pole in the list with the same value and shape, if possible one that is not matched yet; 0: none.
+  !> The number of a pole in the list with the same value whose shape is the nearest one, if possible of those that are not matched
+  !> yet; 0: there is none, or the shape is none of those that they span. Shapes of a multiple pole are any of its space.
   integer function find_alike(self, ds, lambda, x, kind) result(number)
     class(mode_set), intent(in) :: self
     type(stiffness_system), intent(in) :: ds
     complex(wp), intent(in) :: lambda                  !! [1/s]
     complex(wp), intent(in) :: x(:)                    !! (n) its shape [m, rad]
     integer, intent(in) :: kind                        !! undamped_mode, or any other for damped poles
-    integer :: j
+    complex(wp) :: v(size(x)), mv(size(x))             ! what a listed shape has beside those before
+    complex(wp) :: rest(size(x), 2)                    ! what they leave of the shape and of its conjugate
+    real(wp) :: mass, near(self%count), best, length   ! [kg], shares [-]
+    complex(wp), allocatable :: space(:, :), mass_space(:, :)
+    integer :: j, k, side
     number = 0
+    near = -1.0_wp
+    rest(:, 1) = x
+    rest(:, 2) = conjg(x)
+    mass = abs(dot_product(x, ds%momentum(x)))
+    allocate (space(size(x), 0), mass_space(size(x), 0))
     do j = 1, self%count
       if ((self%kind(j) == undamped_mode) .neqv. (kind == undamped_mode)) cycle
       if (min(abs(lambda - self%lambda(j)), abs(lambda - conjg(self%lambda(j)))) > same_pole*abs(lambda)) cycle
-      if (.not. alike(ds, x, self%x(:, j))) cycle
-      number = j
-      if (.not. self%matched(j)) return
+      v = self%x(:, j)
+      mv = ds%momentum(v)
+      length = abs(dot_product(v, mv))
+      near(j) = max(abs(dot_product(x, mv)), abs(sum(x*mv)))**2/(mass*length)
+      do k = 1, size(space, 2)
+        v = v - dot_product(mass_space(:, k), v)*space(:, k)
+      end do
+      mv = ds%momentum(v)
+      if (.not. abs(dot_product(v, mv)) > (1 - same_shape)*length) cycle   ! a double pole with one shape
+      length = sqrt(abs(dot_product(v, mv)))
+      space = reshape([space, v/length], [size(x), size(space, 2) + 1])
+      mass_space = reshape([mass_space, mv/length], [size(x), size(space, 2)])
+      do side = 1, 2
+        rest(:, side) = rest(:, side) - dot_product(mv/length, rest(:, side))*(v/length)
+      end do
     end do
+    best = minval([(abs(dot_product(rest(:, side), ds%momentum(rest(:, side)))), side=1, 2)])
+    if (size(space, 2) == 0 .or. best > (1 - same_shape)*mass) return
+    if (any(near >= 0.0_wp .and. .not. self%matched)) where (self%matched) near = -1.0_wp
+    number = maxloc(near, 1)
   end function find_alike
 
   !> |T x| against the sum of its parts, constraints left aside. A rigid motion has no forces: they are compared with those of a
@@ -191,15 +218,20 @@ contains
     type(mode_set), intent(inout) :: modes
     integer, intent(in) :: expected                    !! eigenvalues, one of each conjugate pair
     logical, intent(in) :: all_asked                   !! for all modes
+    character(:), allocatable :: alone                 ! in words
     integer :: others
+    alone = ''
+    if (modes%alone > 0) alone = ' but for '//to_text(modes%alone)//' of viscoelastic terms alone, which move nothing to rounding'
     others = expected - count(modes%kind /= undamped_mode)
     if (all_asked .or. others < 0) modes%missing = others
     if (modes%missing /= 0) then
       modes%note_damped = 'poles: '//number_listed(modes)//', '//to_text(others)//' missing'
     else if (others == 0) then
-      modes%note_damped = 'poles: complete, all '//number_listed(modes)
+      modes%note_damped = 'poles: '//either('complete, all '//number_listed(modes), number_listed(modes)//', complete'//alone, &
+                                            modes%alone == 0)
     else
-      modes%note_damped = 'poles: '//number_listed(modes)//', complete, '//to_text(others)//' of modes not asked for left out'
+      modes%note_damped = 'poles: '//number_listed(modes)//', complete'//alone//', '//to_text(others)// &
+                          ' of modes not asked for left out'
     end if
   end subroutine check_whole
 

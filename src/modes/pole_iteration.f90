@@ -7,10 +7,11 @@ module pole_iteration
   use dynamic_stiffness, only: stiffness_system
   implicit none (type, external)
   private
-  public :: pole_state, start_pole, refine_pole, follow_damping, double_root, alike
+  public :: pole_state, start_pole, refine_pole, follow_damping, double_root
 
   integer, parameter :: most_passes = 30           ! a double root is approached by halves
   real(wp), parameter :: pole_change = half_digits   !! change that ends the iteration: the next one is its cube [-]
+  real(wp), parameter, public :: same_shape = 0.99_wp   !! share of a shape, by modal masses, that makes it another one [-]
   real(wp), parameter :: smallest_step = epsilon(1.0_wp)**0.25_wp   !! of the growing damping [-]
 
   !> A pole.
@@ -181,6 +182,6 @@ contains
     complex(wp) :: ma(size(a))                         ! [kg m, kg m2]
     ma = ds%momentum(a)
     yes = max(abs(dot_product(b, ma)), abs(sum(b*ma)))**2 > &
-          0.99_wp*abs(dot_product(a, ma))*abs(dot_product(b, ds%momentum(b)))
+          same_shape*abs(dot_product(a, ma))*abs(dot_product(b, ds%momentum(b)))
   end function alike
 end module pole_iteration

@@ -18,6 +18,7 @@ module reduced_system
   real(wp), parameter :: negligible = 1.0e-9_wp        !! stiffness of one set of terms that is rounding, over the whole [-]
 
   real(wp), parameter :: rounding = 1.0e-13_wp         !! of a sum, over the sum of its sizes [-]
+  real(wp), parameter :: nothing = 1.0e3_wp*epsilon(1.0_wp)   !! share of a relaxation that moves something; less is rounding [-]
   real(wp), parameter :: dependent = 1.0e-9_wp         !! part of a row that is rounding where the others span the rest [-]
 
   !> The matrices on the subspace.
@@ -46,6 +47,7 @@ module reduced_system
   type :: reduced_poles
     complex(wp), allocatable :: lambda(:)              !! those with Im >= 0, zeros of rigid motions left out [1/s]
     complex(wp), allocatable :: shape(:, :)            !! (p, poles) [-]
+    integer :: alone = 0                               !! poles of viscoelastic terms alone, to rounding: they are left out
   contains
     procedure :: find
   end type reduced_poles
@@ -229,7 +231,7 @@ contains
     real(wp) :: left(1, 1)
     complex(wp) :: shape(size(members))                ! [-]
     complex(wp), allocatable :: state(:), lambda(:)    ! [any], [1/s]
-    logical, allocatable :: kept(:), zero(:)
+    logical, allocatable :: kept(:), zero(:), moving(:)
     integer, allocatable :: states(:), found(:)
     integer :: n, c, e, zeros, j, k, r, info
     if (present(closed)) then
@@ -257,13 +259,16 @@ contains
       zero(minloc(abs(lambda), 1, .not. zero)) = .true.
     end do
     kept = wi >= 0.0_wp .and. .not. zero               ! a pole at zero is left out
+    moving = spread(.true., 1, n)
     do r = 1, merge(size(model%law), 0, damped)        ! and one of a viscoelastic term alone, in which nothing moves
       associate (law => model%law(r))
         do k = 1, size(law%alpha)
-          kept = kept .and. abs(1 + law%viscosity(k)*lambda + law%inertia(k)*lambda**2) > 1.0e-9_wp
+          moving = moving .and. abs(1 + law%viscosity(k)*lambda + law%inertia(k)*lambda**2) > nothing
         end do
       end associate
     end do
+    self%alone = count(.not. (moving .or. zero))
+    kept = kept .and. moving
     self%lambda = pack(lambda, kept)
     found = pack([(j, j=1, n)], kept)
     allocate (self%shape(model%p, size(found)), source=(0.0_wp, 0.0_wp))

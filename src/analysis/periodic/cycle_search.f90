@@ -234,15 +234,24 @@ contains
     real(wp), dimension(size(self%map%compared)) :: v, asked, w   ! [-]
     real(wp) :: second, seconds                      ! [-]
     complex(wp), allocatable :: before(:)            ! multipliers of half the steps [-]
-    integer :: k
+    complex(wp), allocatable :: known(:)             ! the wanted ones, before a start anew [-]
+    integer :: k, starts
+    logical :: anew
     if (number == 0) return
     before = [complex(wp) ::]
     if (self%start_error >= 0.0_wp) before = self%pairs%value
     self%pairs%value = [complex(wp) ::]
     seconds = 0.0_wp
     call self%space%clear(size(v))
-    asked = self%map%tangent(self%turn, [(cos(real(k, wp)**2), k=1, size(v))])   ! which excites all
-    do while (norm2(asked) > negligible*self%map%noise)
+    starts = 0
+    anew = .true.
+    do
+      if (anew) then                                 ! one start shows of a multiple one a single vector
+        starts = starts + 1
+        asked = self%map%tangent(self%turn, [(cos(starts*real(k, wp)**2), k=1, size(v))])   ! which excites all
+        asked = self%space%rest_of(asked/max(norm2(asked), tiny(1.0_wp)))
+      end if
+      if (norm2(asked) <= negligible*self%map%noise) exit
       asked = asked/norm2(asked)
       call one_quotient(self, run, asked, v, w, second)
       if (self%fail%happened()) return
@@ -252,12 +261,18 @@ contains
       seconds = max(seconds, second)
       call self%space%ritz(self%pairs)
       self%wanted = min(self%space%count, number + merge(1, 0, self%free_period))
-      associate (p => self%pairs, n => self%wanted)
-        if (n < self%space%count .and. p%value(n)%im > 0.0_wp) n = n + 1
-        if (self%space%count > number .and. maxval(p%residual(:n)*p%condition(:n)) < self%map%noise) exit
-      end associate
+      if (is_known(self%wanted + merge(1, 0, allocated(known)))) then   ! with the next one after a start anew: it has not hidden one
+        associate (now => self%pairs%value(:self%wanted))
+          anew = .not. allocated(known)
+          if (.not. anew) anew = maxval(abs(now - known)) > sqrt(self%map%noise)
+          if (.not. anew) exit
+          known = now
+        end associate
+      else
+        asked = self%space%rest_of(w)
+        anew = norm2(asked) <= negligible*self%map%noise
+      end if
       if (self%space%count >= size(v) .or. self%turns > self%most_turns + 1000) exit
-      asked = self%space%rest_of(w)
     end do
     associate (p => self%pairs)
       self%wanted = min(self%wanted, count(abs(p%value) > 100*self%map%noise))
@@ -268,5 +283,16 @@ contains
       asked = self%map%scaled(self%turn%slope)
       if (self%free_period) self%time = maxloc([(abs(dot_product(p%vector(:, k), cmplx(asked, 0.0_wp, wp))), k=1, self%wanted)], 1)
     end associate
+  contains
+    !> Whether so many of the largest are known, with the second one of a pair.
+    pure logical function is_known(n) result(yes)
+      integer, intent(in) :: n
+      integer :: last
+      associate (p => self%pairs)
+        last = min(n, self%space%count)
+        if (last < self%space%count .and. p%value(last)%im > 0.0_wp) last = last + 1
+        yes = self%space%count > n .and. maxval(p%residual(:last)*p%condition(:last)) < self%map%noise
+      end associate
+    end function is_known
   end subroutine find_multipliers
 end module cycle_search
