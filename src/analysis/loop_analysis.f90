@@ -291,8 +291,8 @@ contains
     moved = pack(moved, abs(moved) > 0.0_wp)
   end subroutine find_moved
 
-  !> Frequencies at which the open loop is looked at first: a grid over all decades of the poles that it has or moves, and about each
-  !> of them distances that are doubled.
+  !> Frequencies at which the open loop is looked at first: a grid over all decades of the poles that it has or moves, and about
+  !> each of them distances that are doubled.
   pure function frequencies(lambda) result(omega)
     complex(wp), intent(in) :: lambda(:)               !! [1/s]
     real(wp), allocatable :: omega(:)                  !! ascending [rad/s]

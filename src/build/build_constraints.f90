@@ -179,7 +179,7 @@ contains
     real(wp), intent(in) :: t                     !! [s]
     integer, intent(in) :: order                  !! derivative that jumps
     character(:), allocatable :: remedy
-    real(wp) :: before(-1:2), after(-1:2), x      ! [any], [s]
+    real(wp) :: before(-1:2), after(-1:2), x, shift   ! [any], [s]
     real(wp), allocatable :: jumps(:)             ! [any]
     integer(ip) :: turn
     integer :: k
@@ -199,7 +199,7 @@ contains
       k = maxloc(jumps, 1)
       remedy = 'in "'//trim(h%parts(k)%item%name)//'" '//remedy_of(h%parts(k)%item, t, order)
     class is (sequence_model)
-      call locate(h%begins, h%period, t, 0.0_wp, turn, k, x)
+      call locate(h%begins, h%period, t, .false., shift, turn, k, x)
       if (k < 1 .or. k > size(h%parts)) return
       if (min(x, h%begins(k + 1) - h%begins(k) - x) <= rounding_of(t)) return   ! where parts meet
       remedy = 'in "'//trim(h%parts(k)%item%name)//'" '//remedy_of(h%parts(k)%item, x, order)

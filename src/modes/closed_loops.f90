@@ -223,9 +223,9 @@ contains
     end do
   end function parts_of
 
-  !> Adds the eigenvalues of one part, of each conjugate pair that with Im >= 0. Zeros are counted by null spaces and are exact. Each
-  !> other one is corrected by its residual, r = y^H (A x - lambda x)/(y^H x); what is left is rounding of that sum, and what rounding
-  !> of the whole matrix makes of the vectors, squared over the distance to the next one.
+  !> Adds the eigenvalues of one part, of each conjugate pair that with Im >= 0. Zeros are counted by null spaces and are exact.
+  !> Each other one is corrected by its residual, r = y^H (A x - lambda x)/(y^H x). What is left is rounding of that sum, and what
+  !> rounding of the whole matrix makes of the vectors, squared over the distance to the next one.
   subroutine add_part(matrix, noise, motions, found, ok)
     real(wp), intent(in) :: matrix(:, :)               !! [1/s]
     real(wp), intent(in) :: noise(:)                   !! what is rounding in each row [1/s]

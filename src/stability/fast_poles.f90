@@ -140,15 +140,15 @@ contains
 
     !> Appends the motions that controllers and forces with an argument start, and those that they see: a fast loop moves in these.
     subroutine append_loops()
-      real(wp) :: acts(m%s%nq), sees(m%s%nq)
+      real(wp), dimension(m%s%nq) :: acts, places, rates
       integer :: i, l
       do i = 1, loops%n
         call append_pair(loops%b(:, i), merge(loops%rate(:, i), loops%place(:, i), loops%law(i)%quantity%rate))
       end do
       do i = 1, size(m%s%forces)
         do l = 1, merge(m%s%forces(i)%item%motions, 0, m%s%forces(i)%item%controller == 0)
-          call argument_motions(m, ev, i, l, acts, sees)
-          call append_pair(acts, sees)
+          call argument_motions(m, ev, i, l, acts, places, rates)
+          call append_pair(acts, merge(rates, places, m%s%forces(i)%item%arguments(l)%item%rate))
         end do
       end do
     end subroutine append_loops
@@ -201,7 +201,7 @@ contains
   !> have states, come later.
   subroutine project(m, ev, with_joints, fast, group, x, model)
     type(mechanism_model), intent(in) :: m
-    type(evaluation), intent(in) :: ev
+    type(evaluation), intent(inout) :: ev
     logical, intent(in) :: with_joints
     type(fast_spectrum), intent(in) :: fast
     integer, intent(in) :: group(:)                !! (segments)
@@ -215,17 +215,47 @@ contains
     model%basis = x
     do j = 1, model%p
       call fast%products(m, ev, group, x(:, j), k, c, parts)
-      do i = 1, merge(size(m%s%forces), 0, with_joints)
-        do l = 1, merge(m%s%forces(i)%item%motions, 0, m%s%forces(i)%item%controller == 0)
-          call argument_pull(m, ev, i, l, x(:, j), k, c)
-        end do
-      end do
       model%k(:, j) = matmul(k, x)
       model%c(:, j) = matmul(c, x)
       do r = 1, size(model%law)
         model%part(:, j, r) = matmul(parts(:, r), x)
       end do
     end do
+    do i = 1, merge(size(m%s%forces), 0, with_joints)
+      do l = 1, merge(m%s%forces(i)%item%motions, 0, m%s%forces(i)%item%controller == 0)
+        call add_argument(i, l)
+      end do
+    end do
+  contains
+    !> Adds a force that follows a motion, where it acts in a motion and sees one by more than rounding.
+    subroutine add_argument(i, l)
+      integer, intent(in) :: i, l                  !! force element, argument
+      real(wp), dimension(size(x, 1)) :: acts, places, rates
+      logical :: acting(size(x, 2)), seeing(size(x, 2))
+      integer :: j
+      call argument_motions(m, ev, i, l, acts, places, rates)
+      acting = is_more_than_rounding(acts)
+      seeing = is_more_than_rounding(places) .or. is_more_than_rounding(rates)
+      do j = 1, size(x, 2)
+        if (.not. seeing(j)) cycle
+        k = 0.0_wp
+        c = 0.0_wp
+        call argument_pull(m, ev, i, l, x(:, j), k, c)
+        model%k(:, j) = model%k(:, j) + merge(matmul(k, x), 0.0_wp, acting)
+        model%c(:, j) = model%c(:, j) + merge(matmul(c, x), 0.0_wp, acting)
+      end do
+    end subroutine add_argument
+
+    !> Whether a force has parts in the motions that are more than rounding, beside what it would do to free bodies.
+    function is_more_than_rounding(force) result(yes)
+      real(wp), intent(in) :: force(:)             !! (n) [N], [N m]
+      logical :: yes(size(x, 2))
+      real(wp) :: v(size(force))                   ! [m/s2], [rad/s2]
+      yes = .false.
+      if (.not. any(abs(force) > 0.0_wp)) return
+      call solve_mass(m, ev, .false., force, v)
+      yes = abs(matmul(force, x)) > half_digits*sqrt(max(dot_product(v, force), 0.0_wp))
+    end function is_more_than_rounding
   end subroutine project
 
   !> Poles of all parts that do not couple; with closed loops all motions make one part.

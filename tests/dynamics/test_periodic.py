@@ -681,3 +681,22 @@ def test_accuracy(run_deck):
     assert abs(multipliers(run)[0] - math.exp(-0.05 * periodic["period"] / 0.0125)) < 1e-5
     exact = run_deck(ROTOR, "--output", "exact").figures["periodic"]["period"]
     assert abs(periodic["period"] - exact) < 1e-5 * exact
+
+
+@pytest.mark.parametrize(("parts", "asked"), [(2, 8), (4, 16), (3, 5), (6, 4)])
+def test_multipliers_of_like_parts_are_told_as_often_as_they_are_there(run_deck, parts, asked):
+    """Equal oscillators and a softer one, driven together: each pair exp((-c/2 +- j w) T) as often as there are parts."""
+    deck = "&history name='s' kind='sine' amplitude=1 frequency=1 /\n"
+    expected = []
+    for i in range(parts + 1):
+        k, c = (90.0, 0.5) if i < parts else (40.0, 2.0)
+        deck += f"&body name='b{i}' mass=1 inertia=1 position={2 * i},0 /\n"
+        deck += f"&joint name='j{i}' type='prismatic' body_a='b{i}' point_b={2 * i},0 /\n"
+        deck += f"&spring name='k{i}' type='linear' body_a='b{i}' point_b={2 * i - 1},0 stiffness={k} damping={c} free_length=1 /\n"
+        deck += f"&force name='f{i}' body='b{i}' fx=1 history='s' /\n"
+        expected += [np.exp(-c / 2 + sign * 1j * np.sqrt(k - c * c / 4)) for sign in (1, -1)]
+    deck += f"&periodic period=1 multipliers={asked} /\n&transient method='rk4' step=2.5e-3 output_step=0.1 /\n"
+    found = multipliers(run_deck(deck))
+    assert len(found) == min(asked, 2 * parts + 2)
+    assert all(min(abs(value - x) for x in expected) < 1e-6 for value in found)
+    assert sum(abs(abs(found) - np.exp(-0.25)) < 1e-6) == min(asked, 2 * parts)

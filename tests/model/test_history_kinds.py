@@ -517,8 +517,8 @@ def test_the_part_of_a_history_that_jumps_is_named(run_deck):
 &history name='two' kind='table' time=0,0.1,0.2 value=0,0,1 interpolation='linear' /
 """
     told = run_deck(deck + SLIDE, "--check", expect=2).stderr.splitlines()
-    assert 't = 4.00000E-01' in told[0]
+    assert "t = 4.00000E-01" in told[0]
     assert told[0].endswith("""in "seq" in "two" interpolation='pchip' ends='rest'""")
-    assert 't = 5.00000E-01' in told[1]
-    assert 't = 7.00000E-01' in told[2]
+    assert "t = 5.00000E-01" in told[1]
+    assert "t = 7.00000E-01" in told[2]
     assert told[2].endswith('in "late" a ramp or a cycloid instead of the pulse')

@@ -32,7 +32,7 @@ def pid(**law):
 
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.long] * (seed >= 12)) for seed in range(200)])
 def test_poles_and_margins_of_a_random_loop(run_deck, seed):
-    """Every pole of the loop as a dense eigenvalue of its part alone, growth as Nyquist's count has it, margins as on a fine grid."""
+    """Every pole as a dense eigenvalue of the part alone, growth as Nyquist counts it, margins as on a fine grid."""
     loop = random_loop(seed)
     run = run_deck(loop.deck + "&modal modes=1 /\n")
     told, right = poles_of(run), loop.poles()
@@ -73,7 +73,7 @@ def test_a_gain_margin_lies_at_0_hz(run_deck):
 
 @pytest.mark.parametrize("law", [{"kp": 10.0, "ki": 5.0, "kd": 4.0}, {"kp": 1e-3, "ki": 5e-6, "kd": 4e-2}])
 def test_a_slow_loop_beside_a_stiff_part(run_deck, law):
-    """Routh: s^3 m + kd s^2 + kp s + ki grows below the gain ki m/(kp kd), at sqrt(ki/kd); ten decades lie between it and the beam."""
+    """Routh: s^3 m + kd s^2 + kp s + ki grows below the gain ki m/(kp kd), at sqrt(ki/kd); ten decades lie below the beam."""
     run = run_deck(CART + STIFF + pid(**law) + "&modal modes=2 /\n")
     (told,) = run.figures["closed_loops"]["margins"]
     assert run.figures["closed_loops"]["growing"] == 0
@@ -182,7 +182,7 @@ def test_a_response_where_the_open_loop_is_free(run_deck):
 
 def test_a_response_at_an_undamped_mode_of_the_open_loop(run_deck):
     """There the open loop has none; that of the closed one is 1/(kp + kd s)."""
-    deck = CART + "&spring name='k' type='linear' body_a='cart' body_b='ground' point_b=-1,0 stiffness={2*(2*pi*10)^2} free_length=1 /\n"
+    deck = CART + "&spring name='k' type='linear' body_a='cart' point_b=-1,0 stiffness={2*(2*pi*10)^2} free_length=1 /\n"
     deck += pid(kp=3000.0, kd=20.0) + "&force name='load' body='cart' fx=1 history='zero' /\n"
     run = run_deck(deck + "&frequency_response from=9 to=10 points=3 input='load' /\n")
     told = np.loadtxt(run.folder / "frequency_response.txt")[-1]
@@ -191,8 +191,9 @@ def test_a_response_at_an_undamped_mode_of_the_open_loop(run_deck):
 
 def test_the_windup_at_a_limit_bounds_the_step(run_deck):
     """While the output is at its limit the integral has the pole -1/windup_time: rk4 is stable up to 2.785 times that."""
-    deck = CART.replace("coefficients=0", "coefficients=1") + pid(kp=1000.0, kd=20.0, ki=1.0, upper=20.0, lower=-20.0, windup_time=1e-4)
-    deck += "&sensor name='o' quantity='controller' controller='servo' /\n&transient t_end=0.05 method='rk4' step={} output_step=0.01 /\n"
+    law = {"kp": 1000.0, "kd": 20.0, "ki": 1.0, "upper": 20.0, "lower": -20.0, "windup_time": 1e-4}
+    deck = CART.replace("coefficients=0", "coefficients=1") + pid(**law)
+    deck += "&transient t_end=0.05 method='rk4' step={} output_step=0.01 /\n"
     refused = run_deck(deck.format("1e-3"), expect=2)
     assert 'the windup of controller "servo" while its output is at a limit' in refused.stderr
     run = run_deck(deck.format("2.7e-4"))

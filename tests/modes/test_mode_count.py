@@ -436,3 +436,58 @@ def test_a_body_that_heavy_lumps_weigh_down_has_its_modes(run_deck, seed):
     assert np.all(nodes[:3] == 0.0)
     assert np.all(modes[:3] == 0.0)
     np.testing.assert_allclose(modes[3:], nodes[3:], rtol=1e-6)
+
+
+def first_order_poles(mass, damping, stiffness):
+    """Return all eigenvalues of M x'' + C x' + K x = 0 with Im >= 0, sorted."""
+    n = len(mass)
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]])
+    poles = np.linalg.eigvals(a)
+    return np.sort_complex(np.round(poles[poles.imag > -1e-9], 9))
+
+
+@pytest.mark.parametrize(("free", "modes"), [(False, 9), (True, 9), (False, 0)], ids=["held", "free", "some"])
+@pytest.mark.parametrize("parts", range(2, 7))
+def test_poles_of_like_parts_are_told_as_often_as_they_are_there(run_deck, parts, free, modes):
+    """Damped pendulums on a sledge: the pole of all motions that do not move it is as often there as there are such motions."""
+    deck = "&scene gravity=0,-9.81 /\n&body name='t' mass=5 inertia=0.1 /\n&joint name='rail' type='prismatic' body_a='t' /\n"
+    spring = "&spring name='k' type='linear' body_a='t' body_b='ground' point_b=-1,0 stiffness=900 damping=2 /\n"
+    deck += "" if free else spring
+    mass, damping, stiffness = (np.zeros((parts + 1, parts + 1)) for _ in range(3))
+    mass[0, 0], damping[0, 0], stiffness[0, 0] = 5 + parts, 0 if free else 2, 0 if free else 900
+    for i in range(1, parts + 1):
+        deck += f"&body name='p{i}' mass=1 inertia=0.01 com=0,-0.4 position={0.2 * i},0 /\n"
+        deck += f"&joint name='h{i}' type='revolute' body_a='p{i}' body_b='t' point_b={0.2 * i},0 /\n"
+        deck += f"&spring name='t{i}' type='torsional' body_a='p{i}' body_b='t' stiffness=0.3 damping=0.05 free_angle=0 /\n"
+        mass[i, i], mass[0, i], mass[i, 0] = 0.17, 0.4, 0.4
+        damping[i, i], stiffness[i, i] = 0.05, 0.3 + 9.81 * 0.4
+    run = run_deck(deck + f"&modal modes={modes or parts} /\n")
+    listed = Listed(run)
+    right = first_order_poles(mass, damping, stiffness)
+    right = right[np.abs(right) > 1e-4]
+    found = np.sort_complex(listed.poles[listed.kind != UNDAMPED])
+    if modes:
+        np.testing.assert_allclose(found, right, rtol=1e-7, atol=1e-7)
+    multiple = max(np.roots([0.17, 0.05, 4.224]), key=np.imag)
+    undamped = listed.poles[listed.kind == UNDAMPED]
+    asked = (np.abs(undamped.imag - np.sqrt(4.224 / 0.17)) < 1e-6).sum()
+    assert asked == parts - 1
+    assert (np.abs(found - multiple) < 1e-6).sum() == asked
+    vibrations = listed.mode[listed.kind == VIBRATION]
+    assert len(set(vibrations)) == len(vibrations) == len(found) - (listed.kind == REAL).sum()
+    assert "missing" not in run.summary
+
+
+@pytest.mark.parametrize("times", [1e-3, 1e-6, 1e-7, 1e-9])
+def test_fast_relaxations_are_told_or_counted(run_deck, times):
+    """The pole of a Maxwell term that is fast beside the motion, -1/time and a little: in the list, or left out and said so."""
+    deck = "&body name='m' mass=1 inertia=1 /\n&joint name='rail' type='prismatic' body_a='m' /\n&spring name='k' type='linear' "
+    deck += f"body_a='m' point_b=-1,0 stiffness=100 free_length=1 prony_alpha=0.5,0.3 prony_tau={times},0.1 /\n&modal modes=1 /\n"
+    run = run_deck(deck)
+    listed = Listed(run)
+    real = listed.poles[listed.kind == REAL].real
+    moves = 0.5 * 100 * times**2  # of that pole, in its distance from -1/time
+    told = moves > 1e-13
+    assert (np.abs(real * times + 1) < 2 * moves + 1e-12).sum() == told
+    note = "poles: complete, all 4 with conjugates" if told else "poles: 3 with conjugates, complete but for 1 of viscoelastic"
+    assert note in run.summary

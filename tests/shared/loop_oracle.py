@@ -1,10 +1,10 @@
 """Random loops of one controller beside what they do not move, and what is right about them, by dense matrices of numpy.
 
-`Loop` has the deck of a scene, its poles, and its open loop as a function of s. The plant has the modes m x'' + c x' + k x = b u with
-the sensed sum of g x or of g x'; the controller is a PID with filter and Padé delay of order 3.
+`Loop` has the deck of a scene, its poles, and its open loop as a function of s. The plant has the modes m x'' + c x' + k x = b u
+with the sensed sum of g x or of g x'; the controller is a PID with filter and Padé delay of order 3.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -14,14 +14,14 @@ from scipy.optimize import brentq
 def bending(elements, length, stiffness, mass):
     """Return stiffness and mass matrix of a bent beam, (v, turn) of each node, from Hermite's cubics."""
     h = length / elements
-    k = stiffness / h**3 * np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h], [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]])
-    m = mass * h / 420 * np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h], [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]])
-    n = 2 * elements + 2
-    whole_k, whole_m = np.zeros((n, n)), np.zeros((n, n))
+    unit = np.diag([1, h, 1, h])
+    k = [[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]
+    m = [[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]
+    whole_k, whole_m = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
     for e in range(elements):
         at = np.ix_(range(2 * e, 2 * e + 4), range(2 * e, 2 * e + 4))
-        whole_k[at] += k
-        whole_m[at] += m
+        whole_k[at] += stiffness / h**3 * unit @ k @ unit
+        whole_m[at] += mass * h / 420 * unit @ m @ unit
     return whole_k, whole_m
 
 
@@ -45,7 +45,6 @@ class Loop:
     sees: np.ndarray
     law: dict
     rate: bool = False
-    others: list = field(default_factory=list)
 
     def pid(self, s):
         """Return output over error at s, the delay included."""
@@ -133,73 +132,78 @@ class Loop:
         return round(growing - (turned[-1] - turned[0]) / (2 * np.pi))
 
 
-def random_loop(seed):
-    """Return a random loop: a pendulum, a cart or a flexible arm beside a stiff part that it does not touch."""
-    dice = np.random.default_rng(seed)
-    kind = ("pendulum", "cart", "arm")[seed % 3]
-    rate = 10 ** dice.uniform(-3, 2)  # of the loop [rad/s]
-    deck = ""
-    damping = np.zeros(1)
-    if kind == "pendulum":
-        inertia, arm = 10 ** dice.uniform(-2, 1), float(dice.choice([-1.0, 1.0])) * 10 ** dice.uniform(-2, 0)
-        total = inertia + arm**2
-        g = rate**2 * total / abs(arm) * 10 ** dice.uniform(-1, 1)
-        deck += f"&scene gravity=0,{-g!r} /\n&body name='rod' kind='rigid' mass=1 inertia={inertia!r} com=0,{arm!r} /\n"
-        deck += "&joint name='hub' type='revolute' body_a='rod' body_b='ground' /\n"
-        deck += "&sensor name='y' quantity='angle' body='rod' /\n&force name='m' type='torque' body='rod' moment=1 controller='c' /\n"
-        mass, stiffness = np.array([total]), np.array([-arm * g])
-        acts = sees = np.ones(1)
-        column = "y"
-    elif kind == "cart":
-        total = 10 ** dice.uniform(-2, 2)
-        deck += f"&body name='cart' kind='rigid' mass={total!r} inertia=0.1 /\n"
-        deck += "&joint name='way' type='prismatic' body_a='cart' body_b='ground' /\n"
-        k, c = (total * rate**2 * 10 ** dice.uniform(-2, 1), total * rate * 10 ** dice.uniform(-5, 0)) if dice.random() < 0.5 else (0.0, 0.0)
-        if k:
-            deck += "&spring name='k' type='linear' body_a='cart' body_b='ground' point_b=-1,0 free_length=1 "
-            deck += f"stiffness={k!r} damping={c!r} /\n"
-        deck += "&sensor name='y' quantity='position' body='cart' /\n&force name='m' body='cart' fx=1 controller='c' /\n"
-        mass, damping, stiffness = np.array([total]), np.array([c]), np.array([k])
-        acts = sees = np.ones(1)
-        column = "y.x"
+def pendulum(dice, rate):
+    """Return the deck, inertia, and modes of a pendulum that hangs or stands."""
+    inertia, arm = 10 ** dice.uniform(-2, 1), float(dice.choice([-1.0, 1.0])) * 10 ** dice.uniform(-2, 0)
+    total = inertia + arm**2
+    g = rate**2 * total / abs(arm) * 10 ** dice.uniform(-1, 1)
+    deck = f"&scene gravity=0,{-g!r} /\n&body name='rod' kind='rigid' mass=1 inertia={inertia!r} com=0,{arm!r} /\n"
+    deck += "&joint name='hub' type='revolute' body_a='rod' body_b='ground' /\n&sensor name='y' quantity='angle' body='rod' /\n"
+    deck += "&force name='m' type='torque' body='rod' moment=1 controller='c' /\n"
+    return deck, total, (np.array([total]), np.zeros(1), np.array([-arm * g]), np.ones(1), np.ones(1))
+
+
+def cart(dice, rate):
+    """Return the same of a cart, free or on a spring."""
+    total = 10 ** dice.uniform(-2, 2)
+    k, c = total * rate**2 * 10 ** dice.uniform(-2, 1), total * rate * 10 ** dice.uniform(-5, 0)
+    deck = f"&body name='cart' kind='rigid' mass={total!r} inertia=0.1 /\n&sensor name='y' quantity='position' body='cart' /\n"
+    deck += "&joint name='way' type='prismatic' body_a='cart' body_b='ground' /\n"
+    deck += "&force name='m' body='cart' fx=1 controller='c' /\n"
+    if dice.random() < 0.5:
+        deck += "&spring name='k' type='linear' body_a='cart' body_b='ground' point_b=-1,0 free_length=1 "
+        deck += f"stiffness={k!r} damping={c!r} /\n"
     else:
-        elements, length, line = int(dice.integers(2, 5)), 1.0, 1.0
-        flexural = (rate * 10 ** dice.uniform(0, 2)) ** 2  # of E I
-        beta = 10 ** dice.uniform(-6, -2) / rate
-        width = 0.01
-        deck += f"&material name='a' density={line / width**2!r} young={flexural * 12 / width**4!r} rayleigh_stiffness={beta!r} /\n"
-        deck += f"&section name='a' shape='rectangle' width={width} height={width} /\n"
-        deck += f"&body name='arm' kind='beam' length={length} elements={elements} material='a' section='a' reference='clamped' axial=.false. /\n"
-        deck += "&joint name='hub' type='revolute' body_a='arm' node_a=1 body_b='ground' /\n"
-        rotor = 10 ** dice.uniform(-3, 0)
-        deck += f"&lump body='arm' node=1 inertia={rotor!r} /\n"
-        tip = dice.random() < 0.3
-        deck += f"&sensor name='y' quantity='angle' body='arm' node={-1 if tip else 1} /\n"
-        deck += "&force name='m' type='torque' body='arm' node=1 moment=1 controller='c' /\n"
-        whole_k, whole_m = bending(elements, length, flexural, line)
-        whole_m[1, 1] += rotor
-        stiffness, modes = scipy.linalg.eigh(whole_k[1:, 1:], whole_m[1:, 1:])
-        stiffness[0] = 0.0  # the free turn
-        mass, damping = np.ones(len(stiffness)), beta * stiffness
-        acts, sees = modes[0], modes[-1 if tip else 0]
-        total = rotor + line * length**3 / 3
-        column = "y"
+        k = c = 0.0
+    return deck, total, (np.array([total]), np.array([c]), np.array([k]), np.ones(1), np.ones(1))
+
+
+def arm(dice, rate):
+    """Return the same of a flexible arm with a rotor, driven at its hub, seen there or at its tip."""
+    elements, width, rotor = int(dice.integers(2, 5)), 0.01, 10 ** dice.uniform(-3, 0)
+    flexural, beta = (rate * 10 ** dice.uniform(0, 2)) ** 2, 10 ** dice.uniform(-6, -2) / rate
+    seen = -1 if dice.random() < 0.3 else 1
+    deck = f"&material name='a' density={1 / width**2!r} young={flexural * 12 / width**4!r} rayleigh_stiffness={beta!r} /\n"
+    deck += f"&section name='a' shape='rectangle' width={width} height={width} /\n"
+    deck += f"&body name='arm' kind='beam' length=1.0 elements={elements} material='a' section='a' reference='clamped' "
+    deck += "axial=.false. /\n&joint name='hub' type='revolute' body_a='arm' node_a=1 body_b='ground' /\n"
+    deck += f"&lump body='arm' node=1 inertia={rotor!r} /\n&sensor name='y' quantity='angle' body='arm' node={seen} /\n"
+    deck += "&force name='m' type='torque' body='arm' node=1 moment=1 controller='c' /\n"
+    whole_k, whole_m = bending(elements, 1.0, flexural, 1.0)
+    whole_m[1, 1] += rotor
+    stiffness, modes = scipy.linalg.eigh(whole_k[1:, 1:], whole_m[1:, 1:])
+    stiffness[0] = 0.0  # the free turn
+    sees = modes[-1 if seen == -1 else 0]
+    return deck, rotor + 1 / 3, (np.ones(len(stiffness)), beta * stiffness, stiffness, modes[0], sees)
+
+
+def stiff_parts(dice):
+    """Return parts that nothing joins to the loop, of up to 1e7 rad/s."""
+    deck, stiffness = "", 10 ** dice.uniform(4, 10)
+    for k in range(int(dice.integers(0, 3))):
+        deck += f"&body name='s{k}' kind='rigid' mass=1 inertia=1 position=0,{5 + k} /\n"
+        deck += f"&joint name='s{k}' type='prismatic' body_a='s{k}' body_b='ground' point_b=0,{5 + k} /\n"
+        deck += f"&spring name='s{k}' type='linear' body_a='s{k}' body_b='ground' point_b=-1,{5 + k} free_length=1 "
+        deck += f"stiffness={stiffness!r} /\n"
+    if dice.random() < 0.4:
+        deck += "&material name='s' density=7800 young=2.1e11 /\n&section name='s' shape='rectangle' width=0.01 height=0.01 /\n"
+        deck += f"&body name='beam' kind='beam' length=0.1 elements={dice.integers(1, 9)} material='s' section='s' "
+        deck += "reference='clamped' position=0,9 /\n&joint name='beam' type='weld' body_a='beam' node_a=1 body_b='ground' "
+        deck += "point_b=0,9 /\n"
+    return deck
+
+
+def random_loop(seed):
+    """Return a random loop: a pendulum, a cart or a flexible arm, beside stiff parts that it does not touch."""
+    dice = np.random.default_rng(seed)
+    rate = 10 ** dice.uniform(-3, 2)  # of the loop [rad/s]
+    deck, total, modes = (pendulum, cart, arm)[seed % 3](dice, rate)
     kp = total * rate**2 * 10 ** dice.uniform(-1, 1) * dice.choice([1.0, 1.0, 1.0, -1.0])
     law = {"kp": kp, "kd": total * rate * 10 ** dice.uniform(-1, 1)}
     law |= {"ki": abs(kp) * rate * 10 ** dice.uniform(-3, 0)} if dice.random() < 0.4 else {}
     law |= {"filter": 10 ** dice.uniform(-3, 0) / rate} if dice.random() < 0.4 else {}
     law |= {"delay": 10 ** dice.uniform(-3, 0) / rate} if dice.random() < 0.4 else {}
     law = {name: float(value) for name, value in law.items()}
-    deck += "&history name='r' coefficients=0 /\n&controller name='c' history='r' argument='" + column + "' "
+    deck += f"&history name='r' coefficients=0 /\n&controller name='c' history='r' argument='{'y.x' if seed % 3 == 1 else 'y'}' "
     deck += " ".join(f"{k}={v!r}" for k, v in law.items()) + " /\n"
-    stiff = 10 ** dice.uniform(2, 5)
-    for number in range(int(dice.integers(0, 3))):
-        deck += f"&body name='s{number}' kind='rigid' mass=1 inertia=1 position=0,{5 + number} /\n"
-        deck += f"&joint name='s{number}' type='prismatic' body_a='s{number}' body_b='ground' point_b=0,{5 + number} /\n"
-        deck += f"&spring name='s{number}' type='linear' body_a='s{number}' body_b='ground' point_b=-1,{5 + number} free_length=1 "
-        deck += f"stiffness={stiff**2!r} /\n"
-    if dice.random() < 0.4:
-        deck += "&material name='s' density=7800 young=2.1e11 /\n&section name='s' shape='rectangle' width=0.01 height=0.01 /\n"
-        deck += f"&body name='beam' kind='beam' length=0.1 elements={dice.integers(1, 9)} material='s' section='s' reference='clamped' position=0,9 /\n"
-        deck += "&joint name='beam' type='weld' body_a='beam' node_a=1 body_b='ground' point_b=0,9 /\n"
-    return Loop(deck, mass, damping, stiffness, acts, sees, law)
+    return Loop(deck + stiff_parts(dice), *modes, law)

@@ -6,7 +6,7 @@ module sequence_history
   private
 
   integer, parameter :: samples = 4                !! within a part, that show how large its slopes are
-  real(wp), parameter :: rounded = 1.0e-9_wp       !! share of values by which slopes are known, where jumps of 1e-6 count [-]
+  real(wp), parameter :: slope_rounding = 1.0e-9_wp !! share of values by which slopes are known, where jumps of 1e-6 count [-]
 
   !> Before the first and after the last part the value stays; a periodic one repeats.
   type, extends(history_model), public :: sequence_model
@@ -57,7 +57,7 @@ contains
       end associate
     end do
     do k = 1, n                              ! what is rounding of values is so of slopes, over the length of the part
-      part_size(:, k) = max(part_size(:, k), rounded*size_of(0)/durations(k)**[1, 2])
+      part_size(:, k) = max(part_size(:, k), slope_rounding*size_of(0)/durations(k)**[1, 2])
     end do
     self%outside = [after(0, 1), before(0, n + 1)]
     before(:, 1) = [0.0_wp, self%outside(1), 0.0_wp, 0.0_wp]

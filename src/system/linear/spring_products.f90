@@ -89,23 +89,25 @@ contains
     end associate
   end subroutine argument_pull
 
-  !> Generalised directions in which such a force acts, and of the motion that it follows.
-  pure subroutine argument_motions(m, ev, k, j, acts, sees)
+  !> Generalised directions in which such a force acts, and of the motion that it follows, by places and by rates.
+  pure subroutine argument_motions(m, ev, k, j, acts, places, rates)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: k                   !! force element with arguments
     integer, intent(in) :: j                   !! which one
-    real(wp), intent(out) :: acts(:), sees(:)  !! (n) [N], [N m]
+    real(wp), intent(out) :: acts(:), places(:), rates(:)   !! (n) [N], [N m]
     real(wp) :: w(6), by_place(6), by_rate(6)
     acts = 0.0_wp
-    sees = 0.0_wp
+    places = 0.0_wp
+    rates = 0.0_wp
     associate (f => m%s%forces(k)%item, by => m%s%forces(k)%item%arguments(j)%item)
       w = f%slope(ev%p, conditions_of(m, ev, k, j))
       call by%gradient(ev%p, by_place, by_rate)
-      if (by%rate) by_place = by_rate
       call add_force(m, ev, f%ia, w(1:3), acts)
-      call add_force(m, ev, by%ia, by_place(1:3), sees)
-      call add_force(m, ev, by%ib, by_place(4:6), sees)
+      call add_force(m, ev, by%ia, by_place(1:3), places)
+      call add_force(m, ev, by%ib, by_place(4:6), places)
+      call add_force(m, ev, by%ia, by_rate(1:3), rates)
+      call add_force(m, ev, by%ib, by_rate(4:6), rates)
     end associate
   end subroutine argument_motions
 end module spring_products
