@@ -45,6 +45,14 @@ def matching_rows(run: History, reference: History) -> np.ndarray:
     return nearest
 
 
+def common_rows(one: History, other: History) -> tuple[np.ndarray, np.ndarray]:
+    """Return the rows of two histories at the times that both have."""
+    interval = min(np.diff(table.time).min() if table.time.size > 1 else 1.0 for table in (one, other))
+    nearest = np.rint(np.interp(one.time, other.time, np.arange(other.time.size))).astype(int)
+    own = np.flatnonzero(np.abs(other.time[nearest] - one.time) <= 1.0e-6 * interval)
+    return own, nearest[own]
+
+
 def scales(reference: History, units: dict[str, str]) -> dict[str, float]:
     """Return what each column's difference is measured by, in its unit (the rule above)."""
     ranges = {name: float(np.ptp(reference[name])) for name in reference.names[1:]}

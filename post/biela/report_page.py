@@ -20,6 +20,7 @@ from . import draw as scene_picture
 from . import engineering, mode_pictures, plot
 from .animate import sheet
 from .command import Progress
+from .compare import common_rows
 from .deck import Deck, groups_of
 from .histories import History, read, read_summary
 from .mechanism import from_run
@@ -240,22 +241,28 @@ def scene(runs: list[Run]) -> Section | None:
 
 
 def differences(runs: list[Run], names: list[str]) -> list[Part]:
-    """Return the second run less the first, at the first one's times where both ran."""
+    """Return the second run less the first at the rows that both have: between rows a difference would be that of interpolation."""
     first, second = (run.table("history") for run in runs)
-    rows = first.time <= second.time[-1]
-    time = first.time[rows]
-    change = np.column_stack([np.interp(time, second.time, second[name]) - first[name][rows] for name in names])
-    gap = History(first.path, [first.names[0], *names], first.units, np.column_stack([time, change]))
+    alike = [name for name in names if first.units[name] == second.units[name]]
+    notes = [f"{name}: {first.label(name)} and {second.label(name)} are not compared." for name in names if name not in alike]
+    rows = common_rows(first, second)
+    if not rows[0].size or not alike:
+        notes += [] if rows[0].size else ["The runs have no rows at the same times: with one output_step they can be compared."]
+        return [Part(heading="Differences", paragraphs=notes)]
+    one, other = ({name: table[name][own] for name in alike} for table, own in zip((first, second), rows))
+    change = {name: other[name] - one[name] for name in alike}
+    gap = History(first.path, [first.names[0], *alike], first.units, np.column_stack([first.time[rows[0]], *change.values()]))
     table = []
-    for k, name in enumerate(names):
-        span = float(np.ptp(first[name][rows]))
-        largest = float(np.max(np.abs(change[:, k])))
+    for name in alike:
+        span, largest = float(np.ptp(first[name])), float(np.abs(change[name]).max())
         share = f"{100.0 * largest / span:.3g} %" if span > 0.0 else "–"
         table.append([plot.axis_label(name, first.units[name]), f"{span:.4g}", f"{largest:.4g}", share])
-    shown = [name for k, name in enumerate(names) if np.any(change[:, k])][:MOST_COLUMNS]
+    if rows[0].size < min(first.time.size, second.time.size):
+        notes.append(f"{rows[0].size} rows stand at the same times; the others are not compared.")
+    shown = [name for name in alike if np.any(change[name])][:MOST_COLUMNS]
     pictures = column_pictures([gap], ["difference"], shown, f"{runs[1].label} less {runs[0].label}")
     head = ["column", f"range of {runs[0].label}", "largest difference", "of the range"]
-    return [Part(heading="Differences", head=head, rows=table, pictures=pictures)]
+    return [Part(heading="Differences", paragraphs=notes, head=head, rows=table, pictures=pictures)]
 
 
 def histories(runs: list[Run]) -> Section | None:

@@ -34,7 +34,7 @@ TOKEN = re.compile(r"(?P<symbol>[^\W\d]+|[°%1-])(?:\^?(?P<power>-?\d+))?")
 
 
 def factor(unit: str, wanted: str) -> float:
-    """Return by what numbers in a unit are multiplied to be in the wanted one, such as mm/s2 and m/s2; HistoryError: they cannot."""
+    """Return by what numbers in a unit are multiplied to be in the wanted one (mm/s2, m/s2); HistoryError: they cannot."""
     if unit == wanted:
         return 1.0
     size, powers = _size(unit)

@@ -230,6 +230,20 @@ def test_modes_and_responses_have_their_figures(modal_run, monkeypatch):
     assert (section.title, section.parts[0].pictures) == ("Frequency response", ['beam: response to force "tip"'])
 
 
+def test_runs_are_compared_at_common_rows_and_in_one_unit(tmp_path):
+    """A parabola at every row and at every third one: no difference; metres beside metres a second are not compared."""
+    time = np.arange(31) * 0.1
+    for name, rows, unit in (("fine", time, "m"), ("coarse", time[::3], "m"), ("rate", time, "m/s")):
+        table = "".join(f"{t:.17g} {t * t:.17g}\n" for t in rows)
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "history.txt").write_text(f"# columns: t[s] x[{unit}]\n{table}")
+    fine, coarse, rate = (report_tool.Run(tmp_path / name, {}, name) for name in ("fine", "coarse", "rate"))
+    (part,) = report_tool.differences([fine, coarse], ["x"])
+    assert part.rows == [["x [m]", "9", "0", "0 %"]]
+    (part,) = report_tool.differences([fine, rate], ["x"])
+    assert part.paragraphs == ["x: x [m] and x [m/s] are not compared."]
+
+
 def test_two_runs_of_one_name_are_told_apart():
     assert report_tool._names([Path("/a/x/r"), Path("/a/y/r")]) == ["x/r", "y/r"]
     assert report_tool._names([Path("/a/x/r"), Path("/a/x/r")]) == ["r (1)", "r (2)"]
