@@ -199,3 +199,13 @@ def test_the_windup_at_a_limit_bounds_the_step(run_deck):
     run = run_deck(deck.format("2.7e-4"))
     assert run.figures["stable_steps"]["rk4"]["safe_bound"] == pytest.approx(2.785e-4, rel=1e-3)
     assert 0.009 < run.history["cart.x"][-1] < 0.012
+
+
+def test_an_integral_leaves_no_response_at_0_hz(run_deck):
+    """The integral takes a constant load away; the open loop is free there."""
+    deck = CART + pid(kp=3000.0, kd=20.0, ki=5.0) + "&force name='load' body='cart' fx=1 history='zero' /\n"
+    run = run_deck(deck + "&frequency_response from=0 to=1 points=3 spacing='linear' input='load' /\n")
+    told = np.loadtxt(run.folder / "frequency_response.txt")
+    s = 2j * np.pi * told[1:, 0]
+    np.testing.assert_allclose(told[0, 1:3], 0.0, atol=1e-15)
+    np.testing.assert_allclose(told[1:, 1] + 1j * told[1:, 2], s / (2 * s**3 + 20 * s**2 + 3000 * s + 5), rtol=1e-12)

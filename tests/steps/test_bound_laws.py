@@ -255,3 +255,22 @@ def test_damping_that_limits_is_named(run_deck, material, words):
     told = run_deck(beams([1.0, 1.0], material), "--check").stdout
     assert re.search(r"rk4: safe.*\n +limited by (.*?) \"", told)[1] == words
     assert ("larger steps by: less Rayleigh damping on body" in told) == words.startswith("Rayleigh")
+
+
+def test_a_force_that_sees_nothing_of_the_motion_bounds_no_step(run_deck):
+    """A piston at its dead centre stands still for small turns of the crank: a force over its place is no spring there."""
+    deck = """&body name='crank' mass=8 inertia=0.04 angle={pi} /
+&body name='rod' mass=0.5 inertia=8e-4 com=0.04,0 position=-0.03,0 /
+&body name='piston' mass=0.6 inertia=1e-4 position=0.08,0 /
+&joint name='bearing' type='revolute' body_a='crank' /
+&joint name='pin' type='revolute' body_a='rod' body_b='crank' point_b=0.03,0 /
+&joint name='eye' type='revolute' body_a='rod' point_a=0.11,0 body_b='piston' /
+&joint name='bore' type='prismatic' body_a='piston' /
+&sensor name='place' quantity='position' body='piston' /
+&history name='gas' kind='table' argument='place.x' interpolation='linear' time=0,0.1,0.2 value=0,-100,-300 /
+&force name='gas' body='piston' fx=1 history='gas' /
+&transient method='rk4' step=1.0e-3 t_end=1.0 /
+"""
+    told = run_deck(deck, "--check").stdout
+    assert "rk4: no limit" in told
+    assert "dopri5: no limit" in told
