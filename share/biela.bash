@@ -15,7 +15,7 @@ stiffening modes static_shapes reference reference_node reference_dof lump node 
 at_a point_a body_b node_b at_b point_b body_c node_c at_c direction ratio friction friction_static preload
 preload_static pin_radius pad_distance face drive rate relative force fx fy axes moment centre controller stage
 spring characteristic stiffness damping free_length free_angle stop lower upper gap exponent restitution sensor
-quantity modulus element layer index accuracy floor kp ki kd filter windup_time sample delay static load_steps
+quantity modulus element along layer index accuracy floor kp ki kd filter windup_time sample delay static load_steps
 tolerance modal frequency_response spacing from to points input period period_guess multipliers most_turns moves_on
 angle_repeats transient t_end method step first_step max_step spectral_radius accept_unstable check_error
 check_reduction check_mesh most_seconds output_step checkpoint_interval motion_step stabilization baumgarte_alpha

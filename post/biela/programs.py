@@ -184,7 +184,7 @@ def spectrum(p: Parser) -> None:
         spectrum.py results/run_up --columns tip.v --waterfall --speed crank.v      against the speed of a drive (else: time)
         spectrum.py results/engine --columns 'main.f?' --orders crank --turns -1 -1    orders of the last whole turn, exact
         spectrum.py results/ring_down --columns tip.v --decay           vibrations that decay, each with its damping
-        spectrum.py results/engine --columns shank.s --life 120e6 2e6 5 rainflow cycles and damage
+        spectrum.py results/engine --columns shank.top --life 120e6 2e6 5 rainflow cycles and damage
 
     Rows at uneven times are interpolated to as many even ones. Mean and trend are removed first. Peaks are marked
     and named, each with how surely it is known; two lines need some 4 periods of their difference in the run to be told apart.

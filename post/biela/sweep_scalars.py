@@ -157,7 +157,7 @@ class Scalar:
             "decay_rate": lambda: decay_rate(axis, values),
             "settling_time": lambda: settling_time(axis, values, self.target, self.within or self.band * np.ptp(values)),
             "spectral_peak": lambda: spectral_peak(axis, values),
-            "damage": lambda: fatigue.damage(fatigue.cycles(values), self.strength, self.cycles, self.slope, self.ultimate),
+            "damage": lambda: fatigue.damage(fatigue.cycles_repeated(values), self.strength, self.cycles, self.slope, self.ultimate),
         }
         return float(simple[self.measure]())
 
@@ -405,6 +405,8 @@ def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: 
                 values = table[f"{scalar.column}.amplitude"] * np.exp(1j * table[f"{scalar.column}.phase"])
             else:
                 values = table[scalar.column]
+                if scalar.measure in fatigue.NEEDS_SIGN:
+                    fatigue.refuse_size(table, scalar.column, scalar.measure)
             unit = table.units.get(scalar.column) or table.units.get(f"{scalar.column}.amplitude", "")
             scalar = scalar.in_units(table.units[table.names[0]], unit)
             found.values.append(scalar.of(axis, values, angle))

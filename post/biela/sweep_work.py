@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from . import command, histories
+from . import command, fatigue, histories
 from .deck import Deck, run_into
 from .deck import read as read_deck
 from .result_files import BielaError, HistoryError, remove_noted, writing
@@ -107,6 +107,11 @@ def prepare(options: StudyOptions, design: bool = True) -> tuple[Study, Deck]:
                 raise StudyError(f"parameter {name}: the deck has no &parameter of that name ({', '.join(known) or 'none'})")
         for target in parameter.targets:
             deck.check(target)
+    stresses = [group.name for group in deck.all("sensor") if group.word("quantity") in fatigue.OF_STRESS]
+    for one in study.scalars:
+        of_size = fatigue.signed_columns(one.column) and one.column.rpartition(".")[0].lower() in stresses
+        if of_size and one.measure in fatigue.NEEDS_SIGN:
+            raise StudyError(f"result {one.name}: {fatigue.size_words(one.column, one.measure)}")
     if any(one.mode for one in study.scalars):
         study = replace(study, scalars=_with_shapes(study.scalars, deck, options.biela))
     return study, deck

@@ -119,6 +119,7 @@ contains
     complex(wp), intent(out) :: values(:)              !! (columns) [unit of each column]
     logical, intent(out) :: exists                     !! there is a finite response
     complex(wp), allocatable :: x(:), lambda(:)        ! [m, rad], right-hand side before [N, N m], [m]; [N]
+    type(harmonic_motion) :: motion
     integer, allocatable :: cols(:)
     real(wp), allocatable :: jac(:, :), part(:, :)
     integer :: k
@@ -132,7 +133,9 @@ contains
         k = m%s%springs + r%force
         associate (f => m%s%forces(k)%item)
           call marker_jacobian(m, ev, f%ia, cols, jac)
-          x(cols) = matmul(f%unit_wrench(ev%p, conditions_of(m, ev, k)), jac)
+          motion%marker = f%ia
+          motion%wrench = f%unit_wrench(ev%p, conditions_of(m, ev, k))
+          x(cols) = matmul(real(motion%wrench, wp), jac)
         end associate
       end if
     end associate
@@ -146,7 +149,10 @@ contains
       end do
       lambda = cmplx(part(:, 1), part(:, 2), wp)
     end if
-    call read_linear_sensors(run%list, run%sys%m, run%sys%ev, run%y, harmonic_motion(s, x(1:ds%n), lambda), values)
+    motion%s = s
+    motion%x = x(1:ds%n)
+    motion%lambda = lambda
+    call read_linear_sensors(run%list, run%sys%m, run%sys%ev, run%y, motion, values)
   end subroutine respond
 
   !> Name of the input.

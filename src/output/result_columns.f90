@@ -12,6 +12,7 @@ module result_columns
     character(68) :: name = ''        !! the sensor's, with a suffix where that has several columns
     character(12) :: unit = ''
     character(24) :: quantity = ''    !! that the sensor shows: columns of one quantity and unit have one scale
+    logical :: number = .false.       !! of an element or a node, or a place in it: other ones in another mesh
   contains
     procedure :: label
     procedure :: of
@@ -30,7 +31,7 @@ contains
   elemental type(result_column) function of(self, owner)
     class(result_column), intent(in) :: self
     character(*), intent(in) :: owner
-    of = result_column(owner//trim(self%name), self%unit, self%quantity)
+    of = result_column(owner//trim(self%name), self%unit, self%quantity, self%number)
   end function of
 
   !> The labels of columns that a function gives.
@@ -45,7 +46,7 @@ contains
     class(result_column), intent(in) :: self
     character(*), intent(in) :: suffix
     character(*), intent(in), optional :: unit   !! where it has another one
-    part = result_column(trim(self%name)//suffix, self%unit, self%quantity)
+    part = result_column(trim(self%name)//suffix, self%unit, self%quantity, self%number)
     if (present(unit)) part%unit = unit
   end function part
 

@@ -10,6 +10,7 @@ from math import cos, sin
 import numpy as np
 import pytest
 from biela.histories import read
+from oracle_parts import shape_rows, unit_gauss
 
 OMEGA, ALPHA, RAYLEIGH = 12.0, 90.0, 2.0e-4
 GHM = {"arm": ([0.6, 0.3], [1.2, 0.7], [60.0, 300.0]), "hold": ([0.8], [0.9], [40.0])}
@@ -93,7 +94,9 @@ class Response:
 @pytest.fixture(params=["", "stiffening=.true.", "axial=.false.", "modes=4"])
 def response(request, run_deck):
     """Return the response of one kind of arm."""
-    return Response(run_deck(scene(request.param)))
+    found = Response(run_deck(scene(request.param)))
+    found.stiffening = "stiffening" in request.param
+    return found
 
 
 def same(found: np.ndarray, expected: np.ndarray, share: float = 1e-8) -> None:
@@ -148,7 +151,7 @@ def test_springs_and_controllers_answer_with_their_laws(response):
 
 
 def test_sections_answer_with_the_complex_modulus(response):
-    """N, Q and M of element 2 from the deflections of its ends; the stress is that of the fibre where it is largest."""
+    """N, Q and M of element 2 from the deflections of its ends and the inertia of its field; the stress is the largest in it."""
     s = response.s
     u2, v2, r2, u3, v3, r3 = response("d2.u", "d2.v", "d2.r", "d3.u", "d3.v", "d3.r")
     chord = (v3 - v2) / LENGTH
@@ -157,16 +160,34 @@ def test_sections_answer_with_the_complex_modulus(response):
     area, second = WIDTH * HEIGHT, WIDTH * HEIGHT**3 / 12
     bending = (modulus + s * RAYLEIGH) * YOUNG * second / LENGTH
     moments = [bending * (4 * p1 + 2 * p2), bending * (2 * p1 + 4 * p2)]
-    n, q, m1, m2 = response("in.n", "in.q", "in.m1", "in.m2")
+    mean = (modulus + s * RAYLEIGH) * YOUNG * area / LENGTH * (u3 - u2)
+    points, weights = unit_gauss()
+    shapes = np.array([shape_rows(x, LENGTH) for x in points])  # (points, along and across, 6)
+    w = np.einsum("pci,is->pcs", shapes, np.array([u2, v2, r2, u3, v3, r3]))
+    turned = np.stack([-w[:, 1], w[:, 0]], axis=1)
+    load = -1100.0 * area * ((s**2 - OMEGA**2) * w + (2 * s * OMEGA + ALPHA) * turned)  # the frame's turn is prescribed
+    nodal = LENGTH * np.einsum("p,pci,pcs->is", weights, shapes, load)
+    n, q, m1, m2, n2, q2 = response("in.n", "in.q", "in.m1", "in.m2", "in.n2", "in.q2")
     if np.abs(u3).max() > 0:
-        same(n, (modulus + s * RAYLEIGH) * YOUNG * area / LENGTH * (u3 - u2), 1e-6)
-    else:
-        assert not n.any()
-    same(m1, -moments[0], 1e-6)
-    same(m2, moments[1], 1e-6)
-    same(q, -(moments[0] + moments[1]) / LENGTH, 1e-6)
-    fibres = np.abs([n / area + sign * m * HEIGHT / 2 / second for m in (m1, m2) for sign in (1, -1)])
-    same(np.abs(response("in.s")[0]), fibres.max(axis=0))
+        same(n, mean + nodal[0], 1e-6)
+        np.testing.assert_allclose(n2, mean - nodal[3], rtol=0, atol=1e-6 * np.abs(n).max())
+    else:  # by equilibrium: nothing acts at the tip
+        same(n, LENGTH * weights @ load[:, 0], 1e-6)
+        assert np.abs(n2).max() < 1e-12 * np.abs(n).max()
+    across = -(moments[0] + moments[1]) / LENGTH
+    same(m1, -moments[0] + nodal[2], 1e-6)
+    same(m2, moments[1] - nodal[5], 1e-6)
+    lean = response.now("in.n", "in.n2")[:, None] * (r2, r3) * response.stiffening  # N acts along the deflected axis
+    same(q, across + nodal[1] - lean[0], 1e-6)
+    np.testing.assert_allclose(q2, across - nodal[4] - lean[1], rtol=0, atol=1e-6 * np.abs(q).max())
+    xi = np.linspace(0.0, 1.0, 4001)
+    spread = np.linalg.solve(np.vander(points[:4], 4, increasing=True), load[:4].reshape(4, -1)).reshape(4, 2, -1)
+    along = n - LENGTH * np.einsum("kx,ks->xs", [xi ** (k + 1) / (k + 1) for k in range(4)], spread[:, 0])
+    bend = m1 - LENGTH * np.outer(xi, q + lean[0])
+    bend = bend + LENGTH**2 * np.einsum("kx,ks->xs", [xi ** (k + 2) / (k + 1) / (k + 2) for k in range(4)], spread[:, 1])
+    fibres = np.abs([along / area + sign * bend * HEIGHT / 2 / second for sign in (-1, 1)])
+    same(np.abs(response("in.s")[0]), fibres.max(axis=(0, 1)), 1e-6)
+    same(np.maximum(*np.abs(response("in.top", "in.bottom"))), fibres.max(axis=(0, 1)), 1e-6)
 
 
 def cantilever(factor: float, more: str, sweep: str, elements: str = "2 element_material='slow','fast'") -> str:

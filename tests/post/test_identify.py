@@ -211,8 +211,12 @@ def test_the_damage_of_a_sine_is_known():
     """Five cycles of 60 MPa about 40 MPa: Basquin's line, Goodman's mean."""
     stress = 40.0 + 60.0 * np.sin(np.linspace(0.0, 10.0 * np.pi, 4001))
     words = dict(strength=80.0, cycles=1.0e6, slope=5.0)
-    peaks = 4.5 * 60.0**5 + 30.0**5  # nine halves between crests and troughs, and the first and the last quarter as halves
+    peaks = 5.0 * 60.0**5  # the first and the last quarter are one with those of the next and the last such history
     plain = Scalar("x", "damage", "c", **words).of(np.arange(4001.0), stress)
+    for turn in (0.3, 2.0, 4.0):  # wherever it begins
+        shifted = 40.0 + 60.0 * np.sin(np.linspace(0.0, 2.0 * np.pi, 4001) + turn)
+        one = Scalar("x", "damage", "c", **words).of(np.arange(4001.0), shifted)
+        assert one == pytest.approx((60.0 / 80.0) ** 5 / 1.0e6, rel=1e-5)
     assert plain == pytest.approx(peaks / 80.0**5 / 1.0e6, rel=1.0e-9)
     one = fatigue.damage(np.array([[120.0, 40.0, 5.0]]), 80.0, 1.0e6, 5.0, ultimate=400.0)
     assert one == pytest.approx(5.0 * (60.0 / 0.9 / 80.0) ** 5 / 1.0e6)

@@ -13,7 +13,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from oracle_layers import LayeredBody, is_layered
-from oracle_parts import FOLLOWED, Body, Integral, as_list, by_name, ghm_terms, make_history, read_deck, section_properties
+from oracle_parts import (
+    FOLLOWED,
+    Body,
+    Integral,
+    as_list,
+    by_name,
+    ghm_terms,
+    make_history,
+    read_deck,
+    section_properties,
+    shape_rows,
+    unit_gauss,
+)
 
 TINY = 1e-30  # complex step
 CIRCLE = np.exp(2j * np.pi * np.arange(16) / 16)
@@ -580,7 +592,7 @@ class Scene:
         if quantity == "reaction":
             return self.reaction(name, record.get("joint", record.get("drive")), q, multipliers)
         if quantity == "internal":
-            return self.internal(name, record, q, v, z)
+            return self.internal(name, record, q, v, z, a)
         if quantity == "spring":
             spring = next(s for s in self.springs if s.name == record["spring"])
             d, speed = float(spring.deformation(q)), gradient(spring.deformation, q) @ v
@@ -609,12 +621,13 @@ class Scene:
         samples = place.position(q + radius * CIRCLE[:, None] * v)
         return gradient(place.position, q).T @ a + 2 * np.real((samples * CIRCLE[:, None] ** -2).mean(axis=0)) / radius**2
 
-    def internal(self, column, record, q, v, z):
-        """Return normal force, shear force, end moments and outer-fibre stress of an element: D (delta + GHM lag + b delta')."""
+    def internal(self, column, record, q, v, z, a):
+        """Return forces at both ends and outer-fibre stresses of an element, by elasticity and by what its material points carry."""
         body, element = self.body[record["body"]], record["element"] - 1
         qf, rate = self.parts(body, q)[2], self.parts(body, v)[2]
         strain = body.deformation(qf)[element]
-        total = strain + body.drag_stiffness[element] * np.append(body.stretch[element] @ rate, body.lift[element] @ rate)
+        drag = body.drag_stiffness[element] * np.append(body.stretch[element] @ rate, body.lift[element] @ rate)
+        total = strain.copy()
         if body.ghm:
             units, numbers, _, alpha, *_ = self.slots[body.name]
             for slot in np.flatnonzero(units == element):
@@ -623,15 +636,53 @@ class Scene:
                 lag[first:] -= z[numbers[slot]]
                 lag[:first] = 0.0
                 total = total + alpha[slot] * np.linalg.solve(FOLLOWED, lag)
-        normal, first_end, second_end = body.d_matrix[element] @ total
-        values = {".n": normal, ".q": -(first_end + second_end) / body.length[element], ".m1": -first_end, ".m2": second_end}
+        pull = body.d_matrix[element][0] @ total if getattr(body, "stiffening", False) else 0.0
+        normal, first_end, second_end = body.d_matrix[element] @ (total + drag)
+        n, across, m, ends = self.courses(body, element, q, v, a, (normal, first_end, second_end), pull)
+        values = {".n": n(0.0), ".q": across(0.0) - (pull and n(0.0) * ends[2]), ".m1": m(0.0), ".m2": m(1.0)}
+        last = {".n2": n(1.0), ".q2": across(1.0) - (pull and n(1.0) * ends[5])}
         names = as_list(body.record["section"])
         section = by_name(self.groups, "section")[names[element if len(names) > 1 else 0]]
         if "shape" in section:
             area, second = section_properties(section)
             fibre = section[{"rectangle": "height", "circle": "diameter", "tube": "outer"}[section["shape"]]] / 2
-            values[".s"] = abs(normal) / area + max(abs(first_end), abs(second_end)) * fibre / second
-        return {column + key: value for key, value in values.items()}
+            top, bottom = n / area - m * fibre / second, n / area + m * fibre / second
+            turns = np.concatenate([[0.0, 1.0], top.deriv().roots(), bottom.deriv().roots()])
+            places = np.real([x for x in turns if abs(np.imag(x)) < 1e-9 and 0.0 <= np.real(x) <= 1.0])
+            sizes = np.maximum(np.abs(top(places)), np.abs(bottom(places)))
+            along = places[np.argmax(sizes >= sizes.max() * (1 - 1e-12))]
+            last = {".s": sizes.max()} | last | {".top": top(along), ".bottom": bottom(along), ".along": along}
+        return {column + key: float(value) for key, value in (values | last).items()}
+
+    def courses(self, body, element, q, v, a, forces, pull):
+        """Return N, the force across and M along an element as polynomials of its share, and the coordinates of its ends.
+
+        The loads of its material points (weight, inertia, damping by the mass) go to the ends by the shapes of the displacements.
+        """
+        offset, length = self.offset[body.name], body.length[element]
+        mine = np.flatnonzero(np.array(body.owner) == element)
+        points, weights = unit_gauss()
+        ends = [body.station(node + 1, None) for node in body.ends[element]]
+        axis = (ends[1][0] - ends[0][0]) / length
+        turn = np.array([axis, [-axis[1], axis[0]]])  # body axes -> element axes
+        qf, rate = self.parts(body, q)[2], self.parts(body, v)[2]
+        local = np.concatenate([np.append(turn @ (shape @ qf), spin @ qf) for _, shape, spin in ends])
+        loads = []  # per length, element axes
+        for k, weight in zip(mine, weights):
+            place = Place(offset, body.rest[k], body.shape[k], np.zeros(body.nf))
+            force = turned(-q[offset + 2], self.gravity - self.point_acceleration(place, q, v, a))
+            loads.append(turn @ (force - body.drag_mass[element] * (body.shape[k] @ rate)) * body.weight[k] / (weight * length))
+        along, across = (np.polynomial.Polynomial.fit(points, column, 3, domain=[0, 1], window=[0, 1]) for column in np.array(loads).T)
+        nodal = sum(w * length * load @ np.array(shape_rows(x, length)) for x, w, load in zip(points, weights, np.array(loads)))
+        psi = (local[4] - local[1]) / length
+        slopes = np.array([local[2], local[5]]) - psi
+        tilt = pull * length / 30 * np.array([4 * slopes[0] - slopes[1], 4 * slopes[1] - slopes[0]])
+        n = forces[0] + nodal[0] - length * along.integ()
+        q_across = -(forces[1] + forces[2] + tilt.sum()) / length + pull * psi + nodal[1] - length * across.integ()
+        moved = [np.array([shape_rows(x, length)[1] @ local for x in np.linspace(0, 1, 4)]) - local[1]]
+        bent = np.polynomial.Polynomial.fit(np.linspace(0, 1, 4), moved[0], 3, domain=[0, 1], window=[0, 1])
+        m = -forces[1] - tilt[0] + nodal[2] - length * q_across.integ() + pull * bent
+        return n, q_across, m, local
 
     def reaction(self, column, name, q, multipliers):
         """Return force and moment (about place a) of a joint or drive on body_a, global axes."""

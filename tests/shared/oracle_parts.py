@@ -302,6 +302,7 @@ class Body:
         section_names = as_list(record["section"])
         section_names = section_names * count if len(section_names) == 1 else section_names
         points, weights = unit_gauss()
+        self.ends = ends
         self.elements = []
         self.length, self.ea, self.ei, self.lift = [], [], [], []
         self.slope, self.curvature, self.stretch = [], [], []

@@ -66,7 +66,7 @@ contains
     end associate
   end subroutine error_lines
 
-  !> Errors of columns.
+  !> Errors of columns, but of those that say where something is.
   subroutine column_lines(name, columns, error, range, text, too_large)
     character(*), intent(in) :: name           !! in summary.json
     type(result_column), intent(in) :: columns(:)
@@ -81,9 +81,11 @@ contains
       if (range(k) > 0.0_wp) share(k) = ' '//short_text(error(k)/range(k), 1)
       if (present(too_large)) share(k) = trim(share(k))//either(', too large', '', too_large(k))
     end do
-    call text%table(name, columns%label(), error, 2, share)
+    call text%table(name, pack(columns%label(), .not. columns%number), pack(error, .not. columns%number), 2, &
+                    pack(share, .not. columns%number))
     call text%open(name//'_of_range', '{')
     do k = 1, size(error)
+      if (columns(k)%number) cycle
       if (range(k) > 0.0_wp) call text%member(trim(columns(k)%label()), json_number(error(k)/range(k)))
     end do
     call text%close()

@@ -9,6 +9,7 @@ module deck_mesh
 contains
 
   !> A beam's mesh with another number of elements of one length; all that names a node names the nearest one then.
+  !> A sensor of an element sees all that stand for it, in a mesh with a multiple of the elements.
   subroutine set_elements(d, b, elements)
     type(deck), intent(inout) :: d
     integer, intent(in) :: b                   !! body
@@ -38,6 +39,13 @@ contains
     call renumber(d%stops%b, b, ratio)
     call renumber(d%sensors%marker, b, ratio)
     call renumber(d%sensors%other, b, ratio)
+    do k = 1, size(d%sensors)
+      associate (s => d%sensors(k))
+        if (s%marker%body /= b .or. s%element == 0) cycle
+        s%finer = nint(ratio)*s%finer
+        s%element = 1 + (s%element - 1)*nint(ratio)
+      end associate
+    end do
   end subroutine set_elements
 
   !> Gives the markers on a body their nodes in another mesh of it.

@@ -59,6 +59,8 @@ contains
     if (deck%is_choice('circle tube')) call deck%refuse('width', ' does not apply to shape='//quoted(trim(s%shape))// &
       ', it applies to shape=''rectangle'' and to layers')
     if (s%shear .and. deck%choice_known .and. s%shape == '' .and. .not. deck%is_given('layers')) call deck%need('shear_factor')
+    if (deck%is_set('shear_factor') .and. s%shear_factor > 1.0_wp) call deck%refuse('shear_factor', ' of more than the whole '// &
+      'area, expected at most 1')
     if (deck%is_set('shear_factor') .and. .not. s%shear) call deck%complain('shear_factor', 'shear_factor has no effect on a '// &
       'section that does not shear, expected shear=.true.')
     if (s%shape == 'rectangle') then

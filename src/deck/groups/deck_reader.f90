@@ -287,11 +287,10 @@ contains
       if (d%transient%check_mesh .and. size(d%sensors) == 0) call d%transient%at%blame(source%faults, &
         'check_mesh=.true. compares columns of sensors (the nodes of motion.txt are others in each mesh), expected a &sensor')
       do k = 1, size(d%sensors)
-        if (all(d%sensors(k)%quantity /= ['coordinate', 'internal  ', 'layer     ']) .or. d%sensors(k)%marker%body == 0) cycle
+        if (d%sensors(k)%quantity /= 'coordinate' .or. d%sensors(k)%marker%body == 0) cycle
         associate (b => d%bodies(d%sensors(k)%marker%body))
           if (d%transient%check_mesh .and. b%kind == 'beam') call d%sensors(k)%at%blame(source%faults, 'quantity='// &
             quoted(trim(d%sensors(k)%quantity))//' means another thing in each mesh, expected it without check_mesh')
-          if (d%sensors(k)%quantity /= 'coordinate') cycle
           if (b%auto_modes .or. (b%modes > 0 .and. d%transient%check_reduction)) call d%sensors(k)%at%blame(source%faults, &
             'quantity=''coordinate'' of a mode has nothing to be compared with in nodal coordinates, expected it without '// &
             either('modes=''auto''', 'check_reduction', b%auto_modes))

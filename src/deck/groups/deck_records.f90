@@ -5,11 +5,11 @@ module deck_records
   use deck_parts, only: column_record, law_record, marker_record
   use deck_values, only: body_values, controller_record, drive_record, force_record, history_record, joint_values, lump_record, &
     material_values, modal_record, parameter_values, periodic_values, profile_record, response_record, scene_record, &
-    section_values, sensor_record, spring_record, static_record, stop_values, transient_values
+    section_values, sensor_values, spring_record, static_record, stop_values, transient_values
   implicit none (type, external)
   private
   public :: column_record, controller_record, drive_record, force_record, history_record, law_record, lump_record, marker_record, &
-    modal_record, profile_record, response_record, scene_record, sensor_record, spring_record, static_record
+    modal_record, profile_record, response_record, scene_record, spring_record, static_record
 
   type, extends(parameter_values), public :: parameter_record
     logical :: set = .false.                 !! the command line or an &include sets it, not its own group
@@ -41,6 +41,10 @@ module deck_records
   type, extends(stop_values), public :: stop_record
     logical :: rigid = .false.               !! a restitution, but no stiffness
   end type stop_record
+
+  type, extends(sensor_values), public :: sensor_record
+    integer :: finer = 1                     !! elements that stand for the deck's one, from `element` on
+  end type sensor_record
 
   type, extends(transient_values), public :: transient_record
     logical :: adaptive = .false.            !! tolerance given rather than step

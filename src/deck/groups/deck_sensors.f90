@@ -21,7 +21,7 @@ contains
     class(deck_source), intent(inout) :: deck
     type(deck_record), intent(in) :: d            !! its bodies are read
     type(sensor_record), intent(inout) :: s
-    call take(deck, s)
+    call take(deck, s%sensor_values)
     call check_marker(deck, d, '', s%marker, frames=angles)
     call forbid_ground(deck, 'body', s%marker%body, 'does not move')
     call check_marker(deck, d, '_b', s%other, frames=angles)
@@ -77,7 +77,8 @@ contains
         if (b%kind == 'rigid') then
           if (.not. deck%is_set('node')) call deck%complain('body', what//' does not apply to '// &
             body_text(d, s%marker%body)//', expected a beam or frame')
-        else if (.not. b%flexible .and. s%quantity /= 'deflection') then
+        else if (.not. b%flexible .and. .not. (deck%is_choice('deflection') .or. &
+                                               deck%is_choice('internal stress') .and. b%kind == 'beam')) then
           call deck%complain('body', what//' does not apply to '//body_text(d, s%marker%body)//' with flexible=.false., '// &
             'which is rigid, expected flexible=.true.')
         else if (s%quantity == 'stress' .and. size(b%element_section) > 0 .and. &

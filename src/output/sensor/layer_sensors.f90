@@ -1,18 +1,23 @@
-!> Layers of beams: the largest stress of one in an element, of a core the largest shear stress; the shear angles of cores at
-!> a node.
+!> Layers of beams: stresses of both faces of one in an element, of a core the shear stresses; the shear angles of cores at a node.
 module layer_sensors
   use kinds, only: wp
   use body, only: body_model
-  use section_sensors, only: present_rows, row_amplitudes
+  use element_courses, only: course_amplitudes, element_course, outer_amplitudes, outer_forces, part, &
+                             present_course
+  use section_forces, only: bonded_stress, course_degree, difference
+  use section_sensors, only: fibre_stresses, place_of
   use sensor, only: harmonic_motion, observation, sensor_model
   implicit none (type, external)
   private
 
   !> Stresses of a layer of an element.
   type, extends(sensor_model), public :: layer_sensor_model
-    integer :: element = 0
+    integer :: first = 0                      !! element
+    integer :: last = 0                       !! the same, or the last one of a run where a finer mesh stands for the deck's
     integer :: layer = 0
     logical :: core = .false.
+    real(wp) :: along = -1.0_wp               !! place of the stresses, 0 to 1; below 0: where they are largest [-]
+    logical :: balanced = .false.             !! the axial force is that of equilibrium (`element_courses`)
   contains
     procedure :: read => read_layer
     procedure :: respond => layer_amplitude
@@ -30,15 +35,26 @@ module layer_sensors
 
 contains
 
-  !> From the rows of the last evaluation; strains are linear between the faces and between the ends.
+  !> As evaluated.
   subroutine read_layer(self, at, x)
     class(layer_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
-    real(wp), intent(inout) :: x(:)           !! stress, of a core shear stress [Pa]
-    complex(wp) :: stress(6)
-    stress = stresses(at%m%s%bodies(self%marker%body), self, cmplx(present_rows(at, self%marker%body, self%element), kind=wp))
-    x(1) = maxval(abs(real(stress(1:4))))
-    if (self%core) x(2) = maxval(abs(real(stress(5:6))))
+    real(wp), intent(inout) :: x(:)           !! as of `columns_of` [Pa], [-]
+    type(element_course) :: course(self%last - self%first + 1, 1)
+    real(wp), allocatable :: outer(:, :)      ! [N], [N m]
+    complex(wp) :: values(7)
+    integer :: e
+    if (self%balanced) outer = outer_forces(at, self%marker%body)
+    do e = 1, size(course)
+      if (self%balanced) then
+        course(e, 1) = present_course(at, self%marker%body, self%first + e - 1, outer(:, self%first + e - 1))
+      else
+        course(e, 1) = present_course(at, self%marker%body, self%first + e - 1)
+      end if
+    end do
+    values = columns_of(at%m%s%bodies(self%marker%body), self, course)
+    e = merge(7, 4, self%core)
+    x(:e) = real(values(:e), wp)
   end subroutine read_layer
 
   !> Where the amplitudes are largest.
@@ -46,34 +62,89 @@ contains
     class(layer_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
-    complex(wp), intent(inout) :: x(:)        !! [Pa]
-    complex(wp) :: stress(6)
-    stress = stresses(at%m%s%bodies(self%marker%body), self, row_amplitudes(at, motion, self%marker%body, self%element))
-    x(1) = stress(maxloc(abs(stress(1:4)), 1))
-    if (self%core) x(2) = stress(4 + maxloc(abs(stress(5:6)), 1))
+    complex(wp), intent(inout) :: x(:)        !! as of `columns_of` [Pa], [-]
+    type(element_course) :: course(self%last - self%first + 1, 2)
+    real(wp), allocatable :: outer(:, :, :)   ! [N], [N m]
+    complex(wp) :: values(7)
+    integer :: e
+    if (self%balanced) outer = outer_amplitudes(at, motion, self%marker%body)
+    do e = 1, size(course, 1)
+      if (self%balanced) then
+        course(e, :) = course_amplitudes(at, motion, self%marker%body, self%first + e - 1, outer(:, self%first + e - 1, :))
+      else
+        course(e, :) = course_amplitudes(at, motion, self%marker%body, self%first + e - 1)
+      end if
+    end do
+    values = columns_of(at%m%s%bodies(self%marker%body), self, course)
+    e = merge(7, 4, self%core)
+    x(:e) = values(:e)
   end subroutine layer_amplitude
 
-  !> Stresses of both faces at both ends, and shear stresses at a core's two points.
-  pure function stresses(b, sensor, d) result(stress)
+  !> s top bottom along, or of a core s tau top bottom along tau1 tau2.
+  function columns_of(b, self, course) result(x)
     type(body_model), intent(in) :: b
-    type(layer_sensor_model), intent(in) :: sensor
-    complex(wp), intent(in) :: d(:)           !! rows of the element, terms' differences included [m, rad]
-    complex(wp) :: stress(6)                  !! [Pa]
-    integer :: i, n
-    stress = 0.0_wp
-    n = 4
-    associate (kind => b%layers%kinds(b%layers%kind(sensor%element)))
-      associate (layer => b%layers%sections(kind%section)%layers(sensor%layer))
-        do i = 1, size(d)
-          if (kind%layer(i) /= sensor%layer) cycle
-          stress(1:4) = stress(1:4) + layer%young*kind%strain(:, i)*d(i)
-          if (.not. kind%shear(i)) cycle
-          n = n + 1
-          stress(n) = layer%shear*d(i)
-        end do
+    class(layer_sensor_model), intent(in) :: self
+    type(element_course), intent(in) :: course(:, :)   !! (elements, parts)
+    complex(wp) :: x(7)                       !! [Pa], [-]
+    type(fibre_stresses) :: faces(size(course, 1))
+    complex(wp) :: tau(2*size(course, 1))     ! [Pa]
+    real(wp) :: place                         ! [-]
+    integer :: e, n
+    x = 0.0_wp
+    n = size(course, 1)
+    do e = 1, n
+      call stresses(b, self, self%first + e - 1, course(e, :), faces(e), tau(2*e - 1:2*e))
+    end do
+    call place_of(faces, self%along, e, place)
+    x(2:3) = faces(e)%at(place)
+    x(1) = x(merge(2, 3, abs(x(2)) >= abs(x(3))))
+    if (size(course, 2) == 1) x(4) = (e - 1 + place)/n
+    if (self%core) then
+      x(3:5) = x(2:4)
+      x(2) = tau(maxloc(abs(tau), 1))
+      x(6:7) = tau([1, 2*n])
+    end if
+    if (size(course, 2) == 1) x(1:merge(2, 1, self%core)) = abs(x(1:merge(2, 1, self%core)))
+  end function columns_of
+
+  !> Stresses of the upper and the lower face along an element, and shear stresses at a core's two points. What the deformation does
+  !> not ask for the layers take as if all were bonded: within an element they do not slip by more.
+  subroutine stresses(b, sensor, e, course, faces, tau)
+    type(body_model), intent(in) :: b
+    class(layer_sensor_model), intent(in) :: sensor
+    integer, intent(in) :: e                  !! element
+    type(element_course), intent(in) :: course(:)   !! (parts)
+    type(fibre_stresses), intent(out) :: faces
+    complex(wp), intent(out) :: tau(2)        !! [Pa]
+    complex(wp) :: ends(4)                    ! lower and upper face at both ends [Pa]
+    integer :: i, k, f, n
+    ends = 0.0_wp
+    tau = 0.0_wp
+    n = 0
+    allocate (faces%c(0:course_degree, 2, size(course)))
+    associate (kind => b%layers%kinds(b%layers%kind(e)), d => course(1)%rows)
+      associate (section => b%layers%sections(kind%section))
+        associate (layer => section%layers(sensor%layer))
+          do i = 1, size(d)
+            if (kind%layer(i) /= sensor%layer) cycle
+            ends = ends + layer%young*kind%strain(:, i)*d(i)
+            if (.not. kind%shear(i)) cycle
+            n = n + 1
+            tau(n) = layer%shear*d(i)
+          end do
+          do k = 1, size(course)
+            do f = 1, 2                        ! upper, lower
+              faces%c(:, f, k) = bonded_stress(section, sensor%layer, layer%height + (1.5_wp - f)*layer%thickness, &
+                                               difference(course(k)%all, course(k)%elastic))
+              associate (first => part(ends(3 - f), k), last => part(ends(5 - f), k))
+                faces%c(0:1, f, k) = faces%c(0:1, f, k) + [first, last - first]
+              end associate
+            end do
+          end do
+        end associate
       end associate
     end associate
-  end function stresses
+  end subroutine stresses
 
   !> Finds where the cores' angles at a node stand.
   pure subroutine find(self, b, node)

@@ -1,25 +1,39 @@
-!> N, Q and end moments of an element, its largest outer-fibre stress where its section has a shape (input/README.md, 'internal'),
-!> and the largest stress of a body. Within an element the axial force is constant and the moment linear, so that the stress is
-!> largest at one of its ends.
+!> Section forces at both ends of an element and, where its section has a shape, the stresses of its outer fibres (input/README.md,
+!> 'internal'); the largest stress of a body, and its place.
 module section_sensors
   use kinds, only: wp
-  use body, only: body_model
-  use element_law, only: forces_of, rows_of
+  use element_courses, only: course_amplitudes, element_course, outer_amplitudes, outer_forces, present_course
+  use section_forces, only: course_degree
   use sensor, only: observation, sensor_model, harmonic_motion
+  use unit_polynomials, only: largest_at, product_of, value_at
   implicit none (type, external)
   private
-  public :: present_rows, row_amplitudes
+  public :: place_of
 
-  !> An element's section forces.
+  real(wp), parameter :: same = 1.0e-9_wp     !! stresses that differ by less, of their size, are one: the first place counts [-]
+
+  !> Stresses of an upper and a lower fibre along an element, polynomials: of a state, or real and imaginary parts of amplitudes.
+  type, public :: fibre_stresses
+    real(wp), allocatable :: c(:, :, :)       !! (0:course_degree, upper and lower, parts) [Pa]
+  contains
+    procedure :: at => stresses_at
+    procedure :: largest => largest_along
+  end type fibre_stresses
+
+  !> An element's section forces, those of a run of elements where a finer mesh stands for the deck's.
   type, extends(sensor_model), public :: section_sensor_model
-    integer :: element = 0
+    integer :: first = 0                      !! element
+    integer :: last = 0                       !! the same, or the last one of a run
+    real(wp) :: along = -1.0_wp               !! place of the stresses, 0 to 1; below 0: where they are largest [-]
+    logical :: balanced = .false.             !! forces are those of equilibrium (`element_courses`)
   contains
     procedure :: read => read_section
     procedure :: respond
   end type section_sensor_model
 
-  !> A body's largest stress over the elements whose sections have a shape, and its place: the element and its node.
+  !> A body's largest stress over the elements whose sections have a shape, and its place.
   type, extends(sensor_model), public :: stress_sensor_model
+    logical :: balanced = .false.             !! forces are those of equilibrium (`element_courses`)
   contains
     procedure :: read => read_stress
   end type stress_sensor_model
@@ -30,118 +44,191 @@ contains
   subroutine read_section(self, at, x)
     class(section_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
-    real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
-    call read_element(at, self%marker%body, self%element, x)
+    real(wp), intent(inout) :: x(:)           !! as of `columns_of` [N], [N m], [Pa], [-]
+    real(wp), allocatable :: outer(:, :)      ! [N], [N m]
+    type(element_course) :: course(self%last - self%first + 1, 1)
+    complex(wp) :: values(10)
+    integer :: e
+    if (self%balanced) outer = outer_forces(at, self%marker%body)
+    do e = self%first, self%last
+      course(e - self%first + 1, 1) = course_of(at, self%marker%body, e, outer)
+    end do
+    values = columns_of(at, self, course)
+    e = merge(10, 6, at%m%s%bodies(self%marker%body)%elements(self%first)%fibre > 0.0_wp)
+    x(:e) = real(values(:e), wp)
   end subroutine read_section
+
+  !> The course of an element, with outer forces where these are known.
+  function course_of(at, body, e, outer) result(course)
+    type(observation), intent(in) :: at
+    integer, intent(in) :: body               !! number of the body
+    integer, intent(in) :: e                  !! element
+    real(wp), intent(in), allocatable :: outer(:, :)   !! [N], [N m]
+    type(element_course) :: course
+    if (allocated(outer)) then
+      course = present_course(at, body, e, outer(:, e))
+    else
+      course = present_course(at, body, e)
+    end if
+  end function course_of
+
+  !> With the material's modulus at s; the stresses are those where the amplitude is largest.
+  subroutine respond(self, at, motion, x)
+    class(section_sensor_model), intent(in) :: self
+    type(observation), intent(in) :: at
+    type(harmonic_motion), intent(in) :: motion
+    complex(wp), intent(inout) :: x(:)        !! as of `columns_of` [N], [N m], [Pa], [-]
+    type(element_course) :: course(self%last - self%first + 1, 2)
+    real(wp), allocatable :: outer(:, :, :)   ! [N], [N m]
+    complex(wp) :: values(10)
+    integer :: e
+    if (self%balanced) outer = outer_amplitudes(at, motion, self%marker%body)
+    do e = self%first, self%last
+      if (self%balanced) then
+        course(e - self%first + 1, :) = course_amplitudes(at, motion, self%marker%body, e, outer(:, e, :))
+      else
+        course(e - self%first + 1, :) = course_amplitudes(at, motion, self%marker%body, e)
+      end if
+    end do
+    values = columns_of(at, self, course)
+    e = merge(10, 6, at%m%s%bodies(self%marker%body)%elements(self%first)%fibre > 0.0_wp)
+    x(:e) = values(:e)
+  end subroutine respond
+
+  !> n q m1 m2 n2 q2, or with a shape n q m1 m2 s n2 q2 top bottom along.
+  function columns_of(at, self, course) result(x)
+    type(observation), intent(in) :: at
+    class(section_sensor_model), intent(in) :: self
+    type(element_course), intent(in) :: course(:, :)   !! (elements, parts)
+    complex(wp) :: x(10)                      !! [N], [N m], [Pa], [-]
+    type(fibre_stresses) :: fibres(size(course, 1))
+    integer :: e, k, n
+    real(wp) :: place                         ! [-]
+    x = 0.0_wp
+    n = size(course, 1)
+    x(1) = joined(course(1, :)%all%n(0))
+    x(2) = joined(course(1, :)%all%q(0) + course(1, :)%lean(1))
+    x(3) = joined(course(1, :)%all%m(0))
+    x(4) = joined([(sum(course(n, k)%all%m), k=1, size(course, 2))])
+    x(5) = joined([(sum(course(n, k)%all%n), k=1, size(course, 2))])
+    x(6) = joined([(sum(course(n, k)%all%q) + course(n, k)%lean(2), k=1, size(course, 2))])
+    if (.not. at%m%s%bodies(self%marker%body)%elements(self%first)%fibre > 0.0_wp) return
+    do e = 1, n
+      fibres(e) = stresses_of(at, self%marker%body, self%first + e - 1, course(e, :))
+    end do
+    call place_of(fibres, self%along, e, place)
+    x(6:7) = x(5:6)
+    x(8:9) = fibres(e)%at(place)
+    x(5) = x(merge(8, 9, abs(x(8)) >= abs(x(9))))
+    if (size(course, 2) == 1) x(5) = abs(x(5))
+    x(10) = (e - 1 + place)/n
+    if (size(course, 2) > 1) x(10) = 0.0_wp   ! no amplitude
+  end function columns_of
+
+  !> A number of its parts.
+  pure complex(wp) function joined(parts)     ! [any]
+    real(wp), intent(in) :: parts(:)          !! real, and imaginary if any [any]
+    joined = parts(1)
+    if (size(parts) > 1) joined = cmplx(parts(1), parts(2), wp)
+  end function joined
+
+  !> Stresses of the outer fibres.
+  function stresses_of(at, body, e, course) result(x)
+    type(observation), intent(in) :: at
+    integer, intent(in) :: body               !! number of the body
+    integer, intent(in) :: e                  !! element
+    type(element_course), intent(in) :: course(:)   !! (parts)
+    type(fibre_stresses) :: x
+    integer :: k
+    allocate (x%c(0:course_degree, 2, size(course)))
+    associate (g => at%m%s%bodies(body)%elements(e))
+      do k = 1, size(course)
+        associate (by_n => course(k)%all%n/g%area, by_m => course(k)%all%m*(g%fibre/g%second))
+          x%c(:, 1, k) = by_n - by_m
+          x%c(:, 2, k) = by_n + by_m
+        end associate
+      end do
+    end associate
+  end function stresses_of
+
+  !> Both at a place.
+  pure function stresses_at(self, place) result(x)
+    class(fibre_stresses), intent(in) :: self
+    real(wp), intent(in) :: place             !! [-]
+    complex(wp) :: x(2)                       !! [Pa]
+    integer :: f, k
+    do f = 1, 2
+      x(f) = joined([(value_at(self%c(:, f, k), place), k=1, size(self%c, 3))])
+    end do
+  end function stresses_at
+
+  !> Where the larger of both is largest.
+  pure real(wp) function largest_along(self) result(place)   ! [-]
+    class(fibre_stresses), intent(in) :: self
+    real(wp) :: at(2)                         ! [-]
+    integer :: f
+    do f = 1, 2
+      if (size(self%c, 3) == 1) then
+        at(f) = largest_at(self%c(:, f, 1))
+      else
+        at(f) = largest_at(product_of(self%c(:, f, 1), self%c(:, f, 1)) + product_of(self%c(:, f, 2), self%c(:, f, 2)))
+      end if
+    end do
+    place = at(1)
+    if (maxval(abs(self%at(at(2)))) > (1 + same)*maxval(abs(self%at(at(1))))) place = at(2)
+  end function largest_along
+
+  !> Element and place of the largest stress of a run of elements of one length, or of a share of their length.
+  pure subroutine place_of(fibres, along, e, place)
+    type(fibre_stresses), intent(in) :: fibres(:)   !! of the elements
+    real(wp), intent(in) :: along             !! share; below 0: where the stress is largest [-]
+    integer, intent(out) :: e
+    real(wp), intent(out) :: place            !! share of that element [-]
+    real(wp) :: largest, found, x             ! [Pa], [Pa], [-]
+    integer :: k
+    call find_along(along, size(fibres), e, place)
+    if (along >= 0.0_wp) return
+    largest = -1.0_wp
+    do k = 1, size(fibres)
+      x = fibres(k)%largest()
+      found = maxval(abs(fibres(k)%at(x)))
+      if (found <= (1 + same)*largest) cycle
+      largest = found
+      e = k
+      place = x
+    end do
+  end subroutine place_of
+
+  !> The element of a run in which a share of the length of all lies, and the share of its own.
+  pure subroutine find_along(along, n, e, place)
+    real(wp), intent(in) :: along             !! [-]
+    integer, intent(in) :: n                  !! elements
+    integer, intent(out) :: e
+    real(wp), intent(out) :: place            !! [-]
+    e = max(1, min(n, 1 + int(along*n)))
+    place = along*n - (e - 1)
+  end subroutine find_along
 
   !> As evaluated.
   subroutine read_stress(self, at, x)
     class(stress_sensor_model), intent(in) :: self
     type(observation), intent(in) :: at
-    real(wp), intent(inout) :: x(:)           !! [Pa], [-], [-]
-    real(wp) :: found(5)
+    real(wp), intent(inout) :: x(:)           !! s element node along top bottom [Pa], [-]
+    real(wp), allocatable :: outer(:, :)      ! [N], [N m]
+    type(fibre_stresses) :: fibres
+    real(wp) :: place, both(2)                ! [-], [Pa]
     integer :: e
-    x(1:3) = 0.0_wp
+    if (self%balanced) outer = outer_forces(at, self%marker%body)
+    x(1:6) = -1.0_wp
     associate (body => at%m%s%bodies(self%marker%body))
-      do e = 1, size(body%elements)
-        found(5) = 0.0_wp
-        call read_element(at, self%marker%body, e, found)
-        if (e > 1 .and. .not. found(5) > x(1)) cycle
-        x(1:3) = [found(5), real([e, body%en(merge(1, 2, abs(found(3)) >= abs(found(4))), e)], wp)]
+      do e = 1, body%ne
+        if (.not. body%elements(e)%fibre > 0.0_wp) cycle
+        fibres = stresses_of(at, self%marker%body, e, [course_of(at, self%marker%body, e, outer)])
+        place = fibres%largest()
+        both = real(fibres%at(place), wp)
+        if (maxval(abs(both)) <= (1 + same)*x(1)) cycle
+        x(1:6) = [maxval(abs(both)), real(e, wp), real(body%en(merge(1, 2, place <= 0.5_wp), e), wp), place, both]
       end do
     end associate
   end subroutine read_stress
-
-  !> Of one element, from the deformations of the last evaluation, those of viscoelastic terms included, and of Rayleigh damping.
-  subroutine read_element(at, body, e, x)
-    type(observation), intent(in) :: at
-    integer, intent(in) :: body               !! number of its body
-    integer, intent(in) :: e                  !! element
-    real(wp), intent(inout) :: x(:)           !! n q m1 m2 [N], [N m] and, for sections with a shape, s [Pa]
-    associate (b => at%m%s%bodies(body), g => at%m%s%bodies(body)%elements(e))
-      x(1:4) = real(section_forces(b, e, cmplx(present_rows(at, body, e), kind=wp)))
-      if (g%fibre > 0.0_wp) x(5) = abs(x(1))/g%area + maxval(abs(x(3:4)))*g%fibre/g%second
-    end associate
-  end subroutine read_element
-
-  !> Rows of an element's deformations in the last evaluation, with the terms' differences and those of Rayleigh damping.
-  function present_rows(at, body, e) result(d)
-    type(observation), intent(in) :: at
-    integer, intent(in) :: body               !! number of its body
-    integer, intent(in) :: e                  !! element
-    real(wp), allocatable :: d(:)             !! [m, rad]
-    integer :: i
-    associate (b => at%m%s%bodies(body))
-      d = b%basis%element_strain(b, e, at%ev%elastic(body))
-      i = at%m%s%nq + at%m%s%qo(body) + 3
-      if (b%rayleigh) d = d + b%layers%kinds(b%layers%kind(e))%ray_k &
-                          *rows_of(b, e, b%basis%element_coordinates(b, e, at%y(i + 1:i + b%nf)))
-    end associate
-  end function present_rows
-
-  !> With the material's modulus at s; the stress is that of the outer fibre where its amplitude is largest.
-  subroutine respond(self, at, motion, x)
-    class(section_sensor_model), intent(in) :: self
-    type(observation), intent(in) :: at
-    type(harmonic_motion), intent(in) :: motion
-    complex(wp), intent(inout) :: x(:)        !! as read_section [N], [N m], [Pa]
-    complex(wp) :: fibre(4)
-    associate (body => at%m%s%bodies(self%marker%body), e => self%element, &
-               g => at%m%s%bodies(self%marker%body)%elements(self%element))
-      x(1:4) = section_forces(body, e, row_amplitudes(at, motion, self%marker%body, e))
-      if (.not. g%fibre > 0.0_wp) return
-      fibre = x(1)/g%area + [x(3), -x(3), x(4), -x(4)]*g%fibre/g%second
-      x(5) = fibre(maxloc(abs(fibre), 1))
-    end associate
-  end subroutine respond
-
-  !> Amplitudes of an element's rows, with each material's modulus at s and Rayleigh damping; with stiffening about the present
-  !> state.
-  function row_amplitudes(at, motion, body, e) result(d)
-    type(observation), intent(in) :: at
-    type(harmonic_motion), intent(in) :: motion
-    integer, intent(in) :: body               !! number of its body
-    integer, intent(in) :: e                  !! element
-    complex(wp), allocatable :: d(:)          !! [m, rad]
-    complex(wp), allocatable :: rate(:)       ! [m/s, rad/s]
-    complex(wp) :: factor                     ! E(s)/E_R of a material [-]
-    integer, allocatable :: material(:)
-    integer :: i, r, k
-    i = at%m%s%qo(body) + 3
-    associate (b => at%m%s%bodies(body))
-      associate (re => b%basis%element_coordinates(b, e, real(motion%x(i + 1:i + b%nf), wp)), &
-                 im => b%basis%element_coordinates(b, e, aimag(motion%x(i + 1:i + b%nf))))
-        d = cmplx(rows_of(b, e, re), rows_of(b, e, im), wp)
-        if (b%rayleigh) rate = motion%s*d
-        if (b%stiffening) then
-          associate (now => b%basis%element_coordinates(b, e, at%y(i + 1:i + b%nf)))
-            d = cmplx(rows_of(b, e, re, now), rows_of(b, e, im, now), wp)
-          end associate
-        end if
-      end associate
-      material = b%layers%kinds(b%layers%kind(e))%material
-      do r = 1, size(b%segments)
-        if (.not. any(material == b%segments(r)%material)) cycle
-        factor = 1 + b%segments(r)%law%ratio(motion%s)
-        do k = 1, size(d)
-          if (material(k) == b%segments(r)%material) then
-            d(k) = factor*d(k)
-            material(k) = 0                  ! other segments have the material, too
-          end if
-        end do
-      end do
-      if (b%rayleigh) d = d + b%layers%kinds(b%layers%kind(e))%ray_k*rate
-    end associate
-  end function row_amplitudes
-
-  !> N, Q and the end moments from an element's rows.
-  pure function section_forces(b, e, d) result(x)
-    type(body_model), intent(in) :: b
-    integer, intent(in) :: e                  !! element
-    complex(wp), intent(in) :: d(:)           !! rows [m, rad]
-    complex(wp) :: x(4)                       !! [N], [N m]
-    complex(wp) :: f(3)                       ! [N], [N m]
-    f = forces_of(b, e, d)
-    x = [f(1), -(f(2) + f(3))/b%elements(e)%length, -f(2), f(3)]
-  end function section_forces
 end module section_sensors

@@ -8,13 +8,15 @@ module sensor
   use measure, only: measure_model
   implicit none (type, external)
   private
-  public :: elastic_motion, marker_motion, pair_motion, quantity_amplitude, vector_to_global
+  public :: elastic_motion, marker_motion, marker_moves, pair_motion, quantity_amplitude, vector_to_global
 
   !> A harmonic motion x exp(s t), with multipliers lambda exp(s t), about the present state.
   type, public :: harmonic_motion
     complex(wp) :: s = 0.0_wp                 !! [1/s]
     complex(wp), allocatable :: x(:)          !! (nq) unknowns of the linearisation [m, rad]
     complex(wp), allocatable :: lambda(:)     !! (rows) multipliers [N]
+    integer :: marker = 0                     !! where a force drives it, 0: a drive does
+    complex(wp) :: wrench(3) = 0.0_wp         !! that force, global axes [N, N, N m]
   end type harmonic_motion
 
   !> What a sensor reads: an evaluated state of a mechanism, and the states of all sensors' markers in it.

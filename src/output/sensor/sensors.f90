@@ -11,6 +11,7 @@ module sensors
   use deck_records, only: deck, sensor_record
   use dynamics, only: one_marker
   use elastic_sensors, only: coordinate_sensor_model, deflection_sensor_model
+  use element_courses, only: balanced
   use energy_sensors, only: energy_sensor_model, power_sensor_model, work_sensor_model
   use evaluation_results, only: evaluation
   use force_sensors, only: spring_sensor_model, stop_sensor_model
@@ -86,6 +87,8 @@ contains
     type(power_sensor_model) :: power
     type(contact_sensor_model), allocatable :: contact
     character(:), allocatable :: unit
+    type(result_column), allocatable :: ends(:)
+    type(result_column), parameter :: both_fibres(2) = [result_column('.top', 'Pa'), result_column('.bottom', 'Pa')]
     integer, allocatable :: row(:)                 ! the friction's number among the constraints
     integer :: k
     r = d%sensors(number)
@@ -118,16 +121,23 @@ contains
                  result_column('.share', '-')]
       if (m%s%constraints(row(1))%item%angular) columns(1:2) = [result_column('.f', 'Nm'), result_column('.rate', 'rad/s')]
     case ('internal')
-      item = section_sensor_model(element=r%element)
-      columns = [result_column('.n', 'N'), result_column('.q', 'N'), result_column('.m1', 'Nm'), result_column('.m2', 'Nm'), &
-                 result_column('.s', 'Pa')]
-      if (.not. m%s%bodies(r%marker%body)%elements(r%element)%fibre > 0.0_wp) columns = columns(:4)   ! no shape, no stress
+      item = section_sensor_model(first=r%element, last=r%element + r%finer - 1, along=r%along, &
+                                  balanced=balanced(m%s%bodies(r%marker%body)))
+      columns = [result_column('.n', 'N'), result_column('.q', 'N'), result_column('.m1', 'Nm'), result_column('.m2', 'Nm')]
+      ends = [result_column('.n2', 'N'), result_column('.q2', 'N')]
+      if (m%s%bodies(r%marker%body)%elements(r%element)%fibre > 0.0_wp) then
+        columns = [columns, result_column('.s', 'Pa'), ends, both_fibres, result_column('.along', '-', number=.true.)]
+      else
+        columns = [columns, ends]
+      end if
     case ('layer')
       associate (b => m%s%bodies(r%marker%body))
         associate (layer => b%layers%sections(b%layers%kinds(b%layers%kind(r%element))%section)%layers(r%layer))
-          item = layer_sensor_model(element=r%element, layer=r%layer, core=layer%core > 0)
-          columns = [result_column('.s', 'Pa'), result_column('.tau', 'Pa')]
-          if (layer%core == 0) columns = columns(:1)
+          item = layer_sensor_model(first=r%element, last=r%element + r%finer - 1, layer=r%layer, core=layer%core > 0, &
+                                    along=r%along, balanced=balanced(b))
+          columns = [result_column('.s', 'Pa'), both_fibres, result_column('.along', '-', number=.true.)]
+          if (layer%core > 0) columns = [columns(1), result_column('.tau', 'Pa'), columns(2:), result_column('.tau1', 'Pa'), &
+                                         result_column('.tau2', 'Pa')]
         end associate
       end associate
     case ('slip')
@@ -145,8 +155,9 @@ contains
       item = work_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1))
       columns = [result_column('', 'J')]
     case ('stress')
-      item = stress_sensor_model()
-      columns = [result_column('.s', 'Pa'), result_column('.element', '-'), result_column('.node', '-')]
+      item = stress_sensor_model(balanced=balanced(m%s%bodies(r%marker%body)))
+      columns = [result_column('.s', 'Pa'), result_column('.element', '-', number=.true.), &
+                 result_column('.node', '-', number=.true.), result_column('.along', '-', number=.true.), both_fibres]
     case ('energy')
       item = energy_sensor_model(integral=findloc(m%s%integrated%sensor, number, 1), layer=r%layer)
       columns = [result_column('.strain', 'J'), result_column('.dissipated', 'J')]
