@@ -29,7 +29,9 @@ LARGEST = {"simple": (1 / 8, 0.5), "clamped": (-1 / 2, 0.0), "fixed": (-1 / 12, 
 def beam(support: str, more: str, elements: int = 1, rest: str = "") -> str:
     """Return a deck with a supported beam and its sensors."""
     deck = HEAD + f"&body name='r' kind='beam' length={LENGTH} elements={elements} material='m' section='s' {more} /\n"
-    deck += SUPPORTS[support] + "".join(f"&sensor name='i{e + 1}' quantity='internal' body='r' element={e + 1} /\n" for e in range(elements))
+    deck += SUPPORTS[support] + "".join(
+        f"&sensor name='i{e + 1}' quantity='internal' body='r' element={e + 1} /\n" for e in range(elements)
+    )
     return deck + "&sensor name='most' quantity='stress' body='r' /\n" + rest
 
 
@@ -97,7 +99,9 @@ def test_a_spinning_bar_is_pulled_by_its_own_mass(run_deck, more):
 def test_a_falling_bar_bends_most_at_a_third(run_deck, more):
     """Hinged at one end and let go level: M = (m g x/4) (1 - x/L)^2 cos of the angle, so that tall chimneys break there."""
     rest = "&sensor name='turn' quantity='angle' body='r' /\n&sensor name='third' quantity='internal' body='r' element=1 along={1/3} /\n"
-    found = run_deck(beam("hinged", more, 1, rest) + "&transient t_end=0.3 method='radau' tolerance=1e-9 output_step=0.01 /\n").history
+    found = run_deck(
+        beam("hinged", more, 1, rest) + "&transient t_end=0.3 method='radau' tolerance=1e-9 output_step=0.01 /\n"
+    ).history
     rows = slice(0, None) if "flexible" in more else slice(12, None)  # what the release has started has died out
     turn = found["turn"][rows]
     assert turn[-1] < -0.5
@@ -165,7 +169,9 @@ def test_an_axial_force_is_there_without_axial_coordinates(run_deck, more):
     for name in [f"i{e}.{n}" for e in range(1, 5) for n in ("n", "n2")]:
         assert found[name] == pytest.approx(PULL, rel=1e-12)
     assert found["most.s"] == pytest.approx(PULL / AREA, rel=1e-12)
-    deck += "&lump body='r' node=3 mass=20 /\n&spring name='k' body_a='r' node_a=4 point_b=0.75,0.5 stiffness=1e4 free_length=0.4 /\n"
+    deck += (
+        "&lump body='r' node=3 mass=20 /\n&spring name='k' body_a='r' node_a=4 point_b=0.75,0.5 stiffness=1e4 free_length=0.4 /\n"
+    )
     deck += "&spring name='l' body_a='r' node_a=2 point_b=0.75,0 stiffness=1e4 free_length=0.4 /\n"
     found = still(run_deck("&parameter name='G' value=100 /\n" + deck + "&static /\n", name="more"))
     weight = DENSITY * AREA * 0.25 * 100.0

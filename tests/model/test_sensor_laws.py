@@ -111,7 +111,8 @@ def test_the_largest_stress_is_that_of_the_place_it_names(run):
     """The first of equal ones counts, as both elements have the stress of the node between them."""
     h = run.history
     second = h["i2.s"] > (1 + 1e-9) * h["i1.s"]
-    assert second.any() and not second.all()
+    assert second.any()
+    assert not second.all()
     np.testing.assert_array_equal(h["most.element"], 1 + second)
     for part in ("s", "top", "bottom", "along"):
         np.testing.assert_array_equal(h[f"most.{part}"], np.where(second, h[f"i2.{part}"], h[f"i1.{part}"]))

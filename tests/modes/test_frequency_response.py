@@ -260,7 +260,9 @@ def test_internal_forces_balance_the_reaction(bent, response_of):
     assert abs(response["wall.m"]).max() > 3 * LENGTH  # inertia counts
     for part, of_wall in (("n", "fx"), ("q", "fy"), ("m1", "m")):
         scale = np.abs(response[f"wall.{of_wall}"]).max()
-        np.testing.assert_allclose(response[f"root.{part}"], -response[f"wall.{of_wall}"], rtol=0, atol=(1e-4 if bent else 1e-9) * max(scale, 1.0))
+        np.testing.assert_allclose(
+            response[f"root.{part}"], -response[f"wall.{of_wall}"], rtol=0, atol=(1e-4 if bent else 1e-9) * max(scale, 1.0)
+        )
     bend = response["root.m1"] * 6 / (0.03 * 0.01**2)
     pull = response["root.n"] / (0.03 * 0.01)
     np.testing.assert_allclose(response["root.top"], pull - bend, rtol=1e-9, atol=1e-9 * np.abs(bend).max())

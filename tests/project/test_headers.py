@@ -38,7 +38,11 @@ SENSORS = [
     ("coordinate", "body='b' index=3", ["q[rad]", "qd[rad/s]", "qdd[rad/s2]"]),
     ("coordinate", "body='c' index=1", ["q[kg^.5*m]", "qd[kg^.5*m/s]", "qdd[kg^.5*m/s2]"]),
     ("reaction", "joint='o'", ["fx[N]", "fy[N]", "m[Nm]"]),
-    ("internal", "body='b' element=1", ["n[N]", "q[N]", "m1[Nm]", "m2[Nm]", "s[Pa]", "n2[N]", "q2[N]", "top[Pa]", "bottom[Pa]", "along[-]"]),
+    (
+        "internal",
+        "body='b' element=1",
+        ["n[N]", "q[N]", "m1[Nm]", "m2[Nm]", "s[Pa]", "n2[N]", "q2[N]", "top[Pa]", "bottom[Pa]", "along[-]"],
+    ),
     ("internal", "body='c' element=1", ["n[N]", "q[N]", "m1[Nm]", "m2[Nm]", "n2[N]", "q2[N]"]),
     ("spring", "spring='turn'", ["f[Nm]", "d[rad]"]),
     ("spring", "spring='pull'", ["f[N]", "d[m]"]),

@@ -622,7 +622,7 @@ class Scene:
         return gradient(place.position, q).T @ a + 2 * np.real((samples * CIRCLE[:, None] ** -2).mean(axis=0)) / radius**2
 
     def internal(self, column, record, q, v, z, a):
-        """Return forces at both ends and outer-fibre stresses of an element, by elasticity and by what its material points carry."""
+        """Return forces at both ends and outer-fibre stresses of an element, by elasticity and its material points."""
         body, element = self.body[record["body"]], record["element"] - 1
         qf, rate = self.parts(body, q)[2], self.parts(body, v)[2]
         strain = body.deformation(qf)[element]
@@ -672,7 +672,9 @@ class Scene:
             place = Place(offset, body.rest[k], body.shape[k], np.zeros(body.nf))
             force = turned(-q[offset + 2], self.gravity - self.point_acceleration(place, q, v, a))
             loads.append(turn @ (force - body.drag_mass[element] * (body.shape[k] @ rate)) * body.weight[k] / (weight * length))
-        along, across = (np.polynomial.Polynomial.fit(points, column, 3, domain=[0, 1], window=[0, 1]) for column in np.array(loads).T)
+        along, across = (
+            np.polynomial.Polynomial.fit(points, column, 3, domain=[0, 1], window=[0, 1]) for column in np.array(loads).T
+        )
         nodal = sum(w * length * load @ np.array(shape_rows(x, length)) for x, w, load in zip(points, weights, np.array(loads)))
         psi = (local[4] - local[1]) / length
         slopes = np.array([local[2], local[5]]) - psi

@@ -4,10 +4,10 @@
 !> it, along and across the undeformed element; M is positive where the upper fibre is pressed.
 module section_forces
   use kinds, only: wp
-  use beam_element, only: beam_geometry, deformation_matrix, element_rotation
+  use beam_element, only: beam_geometry
   use body, only: body_model
-  use layered_element, only: layered_element_model
-  use layered_section, only: layered_section_model
+  use layered_element, only: most_coordinates
+  use layered_section, only: layered_section_model, most_cores
   use unit_polynomials, only: antiderivative
   implicit none (type, external)
   private
@@ -31,18 +31,18 @@ module section_forces
     real(wp) :: coriolis = 0.0_wp             !! 2 theta' [1/s]
     real(wp) :: centrifugal = 0.0_wp          !! theta'^2 [1/s2]
     real(wp) :: place = 1.0_wp                !! 0: the undeformed place does not count [-]
-    real(wp), allocatable :: q(:)             !! coordinates of the element, element axes [m, rad]
-    real(wp), allocatable :: v(:)             !! their rates, in Coriolis' acceleration [m/s, rad/s]
-    real(wp), allocatable :: damped(:)        !! the same, in Rayleigh damping
-    real(wp), allocatable :: acceleration(:)  !! [m/s2, rad/s2]
+    real(wp) :: q(most_coordinates) = 0.0_wp  !! coordinates of the element, element axes [m, rad]
+    real(wp) :: v(most_coordinates) = 0.0_wp  !! their rates, in Coriolis' acceleration [m/s, rad/s]
+    real(wp) :: damped(most_coordinates) = 0.0_wp   !! the same, in Rayleigh damping [m/s, rad/s]
+    real(wp) :: acceleration(most_coordinates) = 0.0_wp   !! [m/s2, rad/s2]
   end type element_motion
 
   !> Displacements along an element, polynomials.
   type :: displacement_field
     real(wp) :: v(0:load_degree) = 0.0_wp     !! across [m]
     real(wp) :: u(0:load_degree) = 0.0_wp     !! along, of the node line [m]
-    real(wp), allocatable :: w(:, :)          !! (0:3, layers) along, of a layer's middle [m]
-    real(wp), allocatable :: turn(:, :)       !! (0:3, layers) turn of a layer [rad]
+    real(wp) :: turn(0:load_degree) = 0.0_wp  !! of the section [rad]
+    real(wp) :: slip(0:load_degree, most_cores) = 0.0_wp   !! shear angles of cores [rad]
   end type displacement_field
 
 contains
@@ -52,9 +52,13 @@ contains
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                  !! element
     real(wp), intent(in) :: x(:)              !! (coordinates or more) body axes [m, rad]
-    real(wp), allocatable :: a(:)             !! [m, rad]
-    a = x(:b%layers%kinds(b%layers%kind(e))%coordinates)
-    a(:6) = matmul(element_rotation(b%elements(e)), a(:6))
+    real(wp) :: a(most_coordinates)           !! [m, rad]
+    integer :: n
+    n = b%layers%kinds(b%layers%kind(e))%coordinates
+    a(n + 1:) = 0.0_wp
+    a(:n) = x(:n)
+    a(1:2) = along_element(b%elements(e), x(1:2))
+    a(4:5) = along_element(b%elements(e), x(4:5))
   end function element_axes
 
   !> What the deformation asks for: N and Q are constant, M is linear.
@@ -159,26 +163,18 @@ contains
     integer, intent(in) :: e                  !! element
     real(wp), intent(in) :: x(:)              !! coordinates, element axes [m, rad]
     real(wp), parameter :: bubble(0:load_degree) = [0.0_wp, 4.0_wp, -4.0_wp, 0.0_wp]
-    real(wp) :: mean, slope(2), own(0:load_degree)   ! (phi1 + phi2)/2, end slopes of the node line [rad]
-    integer :: l, j, p
+    real(wp) :: mean, slope(2)                ! (phi1 + phi2)/2, end slopes of the node line [rad]
+    integer :: j, p
     associate (g => b%elements(e), s => b%layers%sections(b%layers%kinds(b%layers%kind(e))%section))
       mean = 0.5_wp*(x(3) + x(6)) - (x(5) - x(2))/g%length
       slope = g%length*([x(3), x(6)] - g%softening*mean)
       at%v = [x(2), slope(1), 3*(x(5) - x(2)) - 2*slope(1) - slope(2), 2*(x(2) - x(5)) + slope(1) + slope(2)]
       at%u = linear(x(1), x(4)) - 1.5_wp*(1 - g%softening)*mean*s%axis*bubble
+      at%turn = linear(x(3), x(6)) - 1.5_wp*(1 - g%softening)*mean*bubble
       do j = 1, s%cores
-        at%u = at%u - x(6 + 3*j)*s%axis_arm(j)*bubble
-      end do
-      allocate (at%w(0:load_degree, size(s%layers)), at%turn(0:load_degree, size(s%layers)))
-      do l = 1, size(s%layers)
-        at%turn(:, l) = linear(x(3), x(6)) - 1.5_wp*(1 - g%softening)*mean*bubble
-        at%w(:, l) = at%u - s%layers(l)%height*at%turn(:, l)
-        do j = 1, s%cores
-          p = 6 + 3*j
-          own = linear(x(p - 2), x(p - 1)) + x(p)*bubble
-          at%w(:, l) = at%w(:, l) + s%arm(l, j)*own
-          if (s%layers(l)%core == j) at%turn(:, l) = at%turn(:, l) - own
-        end do
+        p = 6 + 3*j
+        at%u = at%u - x(p)*s%axis_arm(j)*bubble
+        at%slip(:, j) = linear(x(p - 2), x(p - 1)) + x(p)*bubble
       end do
     end associate
   contains
@@ -190,6 +186,29 @@ contains
     end function linear
   end function field_of
 
+  !> Displacement along of a layer's middle.
+  pure function layer_along(at, s, l) result(w)
+    type(displacement_field), intent(in) :: at
+    type(layered_section_model), intent(in) :: s
+    integer, intent(in) :: l                  !! layer
+    real(wp) :: w(0:load_degree)              !! [m]
+    integer :: j
+    w = at%u - s%layers(l)%height*at%turn
+    do j = 1, s%cores
+      w = w + s%arm(l, j)*at%slip(:, j)
+    end do
+  end function layer_along
+
+  !> Its turn.
+  pure function layer_turn(at, s, l) result(turn)
+    type(displacement_field), intent(in) :: at
+    type(layered_section_model), intent(in) :: s
+    integer, intent(in) :: l                  !! layer
+    real(wp) :: turn(0:load_degree)           !! [rad]
+    turn = at%turn
+    if (s%layers(l)%core > 0) turn = turn - at%slip(:, s%layers(l)%core)
+  end function layer_turn
+
   !> Forces along and across the element per length, and the moment about the node line per length: weight, inertia and Rayleigh
   !> damping by the mass. Of the layers' own shift the spin knows no inertia (theory.md, section 16).
   pure function loads(b, e, motion) result(load)
@@ -198,7 +217,7 @@ contains
     type(element_motion), intent(in) :: motion
     real(wp) :: load(0:load_degree, 3)        !! [N/m], [N]
     type(displacement_field) :: q, v, damped, acceleration
-    real(wp), dimension(0:load_degree) :: x, y, ax, ay, drag   ! undeformed place [m], accelerations, those of damping [m/s2]
+    real(wp), dimension(0:load_degree) :: x, y, w, ax, ay, drag   ! undeformed place, q along [m], accelerations, of damping [m/s2]
     real(wp) :: a(2), start(2), density       ! element axes [m/s2], [m], [kg/m]
     integer :: l
     q = field_of(b, e, motion%q)
@@ -214,16 +233,17 @@ contains
         associate (layer => s%layers(l))
           density = layer%density*layer%area
           y = motion%place*[start(2) + layer%height, 0.0_wp, 0.0_wp, 0.0_wp]
-          ax = acceleration%w(:, l) - motion%turn*(y + q%v) - motion%coriolis*v%v - motion%centrifugal*(x + q%w(:, l))
-          ay = acceleration%v + motion%turn*(x + q%w(:, l)) + motion%coriolis*v%w(:, l) - motion%centrifugal*(y + q%v)
+          w = layer_along(q, s, l)
+          ax = layer_along(acceleration, s, l) - motion%turn*(y + q%v) - motion%coriolis*v%v - motion%centrifugal*(x + w)
+          ay = acceleration%v + motion%turn*(x + w) + motion%coriolis*layer_along(v, s, l) - motion%centrifugal*(y + q%v)
           ax(0) = ax(0) + a(1)
           ay(0) = ay(0) + a(2)
-          drag = layer%ray_m*damped%w(:, l)
+          drag = layer%ray_m*layer_along(damped, s, l)
           load(:, 1) = load(:, 1) - density*(ax + drag)
           load(:, 2) = load(:, 2) - density*(ay + layer%ray_m*damped%v)
-          ax = ax + motion%centrifugal*(q%w(:, l) - q%u)
+          ax = ax + motion%centrifugal*(w - q%u)
           load(:, 3) = load(:, 3) + density*layer%height*(ax + drag)
-          ax = acceleration%turn(:, l) + layer%ray_m*damped%turn(:, l)
+          ax = layer_turn(acceleration, s, l) + layer%ray_m*layer_turn(damped, s, l)
           ax(0) = ax(0) + motion%place*motion%turn
           load(:, 3) = load(:, 3) - layer%density*layer%turning*ax
         end associate
@@ -231,20 +251,25 @@ contains
     end associate
   end function loads
 
-  !> What the nodes carry of these loads, with the sign of inertia: the element's part of the equations of motion.
+  !> What the first node carries of these loads, with the sign of inertia: the element's part of the equations of motion.
   pure function nodal_loads(b, e, motion) result(f)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                  !! element
     type(element_motion), intent(in) :: motion
-    real(wp), allocatable :: f(:)             !! element axes [N], [N m]
+    real(wp) :: f(3)                          !! element axes [N], [N m]
     real(wp) :: a(2), start(2)                ! element axes [m/s2], [m]
+    integer :: i, n
     a = along_element(b%elements(e), motion%a)
     start = along_element(b%elements(e), b%x(:, b%en(1, e)))
     associate (k => b%layers%kinds(b%layers%kind(e)))
-      f = matmul(a + motion%place*(motion%turn*[-start(2), start(1)] - motion%centrifugal*start), k%s) &
-          + motion%place*(motion%turn*k%turning - motion%centrifugal*k%along) &
-          - matmul(k%z, motion%turn*motion%q + motion%coriolis*motion%v) - motion%centrifugal*matmul(k%m, motion%q) &
-          + matmul(k%m + k%j, motion%acceleration) + matmul(k%c, motion%damped)
+      n = k%coordinates
+      a = a + motion%place*(motion%turn*[-start(2), start(1)] - motion%centrifugal*start)
+      do i = 1, 3
+        f(i) = dot_product(a, k%s(:, i)) + motion%place*(motion%turn*k%turning(i) - motion%centrifugal*k%along(i)) &
+               - dot_product(k%z(i, :), motion%turn*motion%q(:n) + motion%coriolis*motion%v(:n)) &
+               + dot_product(k%m(i, :), motion%acceleration(:n) - motion%centrifugal*motion%q(:n)) &
+               + dot_product(k%j(i, :), motion%acceleration(:n)) + dot_product(k%c(i, :), motion%damped(:n))
+      end do
     end associate
   end function nodal_loads
 

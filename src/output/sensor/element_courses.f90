@@ -8,6 +8,7 @@ module element_courses
   use element_law, only: forces_of, rows_of
   use evaluation_results, only: conditions_of
   use force_element, only: stage_static
+  use layered_element, only: most_coordinates
   use marker, only: turn
   use modal_basis, only: modal_model
   use section_forces, only: add_courses, course_of_deformation, course_of_loads, course_of_pull, element_axes, element_motion, &
@@ -32,7 +33,7 @@ contains
   !> forces are.
   pure logical function balanced(b)
     type(body_model), intent(in) :: b
-    real(wp) :: a(size(b%edof, 1)), moved, stretched   ! of all modes [kg^-.5]
+    real(wp) :: a(most_coordinates), moved, stretched   ! of all modes [kg^-.5]
     integer :: e, k
     balanced = .not. (b%flexible .and. b%axial)
     if (balanced) return
@@ -86,7 +87,7 @@ contains
     type(harmonic_motion), intent(in) :: motion
     integer, intent(in) :: body               !! number of the body
     integer, intent(in) :: e                  !! element
-    real(wp), intent(in), optional :: outer(:, :)   !! (3, parts) forces at its first end, if they are those of equilibrium [N], [N m]
+    real(wp), intent(in), optional :: outer(:, :)   !! (3, parts) at its first end, if they are those of equilibrium [N], [N m]
     type(element_course) :: x(2), still
     type(element_motion) :: change(2), now
     type(section_course) :: summed
@@ -116,7 +117,8 @@ contains
     end associate
   end function course_amplitudes
 
-  !> The real or imaginary part of how an element's motion changes: by that of its frame, and in its frame. Loads are linear in both.
+  !> The real or imaginary part of how an element's motion changes: by that of its frame, and in its frame. Loads are linear in both
+  !> of them.
   function change_of_motion(at, motion, body, e, k) result(change)
     type(observation), intent(in) :: at
     type(harmonic_motion), intent(in) :: motion
@@ -124,7 +126,7 @@ contains
     integer, intent(in) :: e                  !! element
     integer, intent(in) :: k                  !! 1: real part, 2: imaginary part
     type(element_motion) :: change(2)
-    complex(wp), allocatable :: w(:)          ! coordinates of the element [m, rad]
+    complex(wp) :: w(most_coordinates)        ! coordinates of the element [m, rad]
     real(wp) :: rate                          ! [rad/s]
     integer :: i
     i = at%m%s%qo(body)
@@ -135,8 +137,8 @@ contains
       change(1)%turn = part(s**2*frame(3), k)
       change(1)%coriolis = part(2*s*frame(3), k)
       change(1)%centrifugal = part(2*rate*s*frame(3), k)
-      change(1)%damped = 0*change(1)%v
-      change(1)%acceleration = 0*change(1)%v
+      change(1)%damped = 0.0_wp
+      change(1)%acceleration = 0.0_wp
       change(2)%a = 0.0_wp
       change(2)%place = 0.0_wp
       if (.not. b%flexible) return
@@ -171,7 +173,7 @@ contains
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                  !! element
     complex(wp), intent(in) :: x(:)           !! (nf) [m, rad]
-    complex(wp), allocatable :: w(:)          !! [m, rad]
+    complex(wp) :: w(most_coordinates)        !! [m, rad]
     w = cmplx(element_axes(b, e, b%basis%element_coordinates(b, e, real(x, wp))), &
               element_axes(b, e, b%basis%element_coordinates(b, e, aimag(x))), wp)
   end function amplitudes_of
@@ -194,10 +196,6 @@ contains
         x%q = element_axes(b, e, b%basis%element_coordinates(b, e, at%y(i + 1:i + b%nf)))
         x%v = element_axes(b, e, b%basis%element_coordinates(b, e, at%y(j + 1:j + b%nf)))
         x%acceleration = element_axes(b, e, b%basis%element_coordinates(b, e, at%ev%a(i + 1:i + b%nf)))
-      else
-        allocate (x%q(b%layers%kinds(b%layers%kind(e))%coordinates), source=0.0_wp)
-        x%v = x%q
-        x%acceleration = x%q
       end if
       x%damped = x%v
     end associate
