@@ -20,6 +20,8 @@ module assembly_conflict
   character(*), parameter :: what_is_expected = '; expected positions and angles near which every joint and drive '// &
                                               'holds at t = 0 (welds and prismatic joints hold the angles that the deck has)'
 
+  real(wp), parameter :: tilt = 1.0e-3_wp           !! of bodies, to leave a singular position [rad]
+
 contains
 
   !> Replaces the list of open joints, which are all of a loop alike, by what is wrong with which of them.
@@ -82,12 +84,30 @@ contains
                 'history to the assembled value'
       else
         words = name_of(d, culprit)//' stays open by '//gap_text(m, ev, culprit)//where_closed//': '
-        if (surplus) words = words//'they leave no motion that could close it, it is one too many'
+        if (surplus) words = words//either('they leave no motion that could close it, it is one too many', &
+          'they leave none at this start, which is singular: bodies that are turned by '//to_text(tilt)//' rad close it, by '// &
+          'the signs of these angles in one way or another', .not. closes_when_tilted(d, culprit))
         if (.not. surplus) words = words//'the lengths of its loop do not reach'
         words = words//what_is_expected
       end if
     end associate
   end subroutine open_constraint
+
+  !> Whether the first constraints close from positions that are turned a little, each body by another angle.
+  logical function closes_when_tilted(d, culprit) result(closes)
+    type(deck), intent(in) :: d
+    integer, intent(in) :: culprit                  !! the last of them
+    type(mechanism_model) :: m
+    type(evaluation) :: ev
+    type(assembly_report) :: report
+    type(deck) :: tilted
+    real(wp), allocatable :: q(:)                     ! (nq) [m, rad]
+    integer :: k
+    tilted = d
+    tilted%bodies%angle = d%bodies%angle + [(tilt*k/size(d%bodies), k=1, size(d%bodies))]
+    call assemble_part(tilted, [(k, k=1, culprit)], m, ev, q, report)
+    closes = .not. report%open
+  end function closes_when_tilted
 
   !> Assembles some joints and drives of a deck. All bodies are rigid, since assembly bends none; velocities do not count.
   subroutine assemble_part(d, chosen, m, ev, q, report)

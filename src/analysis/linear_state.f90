@@ -20,6 +20,7 @@ module linear_state
   use mechanism, only: mechanism_model
   use mechanism_ode, only: mechanism_system
   use scene_run, only: run_state
+  use summary, only: weak_frames
   use summary_text, only: summary_record
   use validity, only: validity_watch
   implicit none (type, external)
@@ -52,13 +53,15 @@ contains
     character(*), intent(in) :: analysis            !! name
     integer, intent(in) :: status                   !! to end with
     type(failure), intent(inout) :: fail
+    character(:), allocatable :: words
     logical :: moves
     integer :: k
     associate (ev => run%sys%ev, nq => run%sys%m%s%nq)
       moves = run%d%transient%present .or. any(abs(run%y(nq + 1:2*nq)) > 0.0_wp)
       if (fail%happened() .or. .not. (ev%schur%ill_conditioned .or. (ev%broken .and. moves))) return
-      call fail%raise(status, 'the '//analysis//' cannot be done: '//too_uneven//weakest_text(run%sys%m, ev)// &
-                      ', and the reactions cannot be computed')
+      words = weak_frames(run%sys%m)
+      if (len(words) == 0) words = too_uneven//weakest_text(run%sys%m, ev)//', and the reactions cannot be computed'
+      call fail%raise(status, 'the '//analysis//' cannot be done: '//words)
       k = weakest_constraint(run%sys%m, ev)
       if (k > 0) fail%deck_line = deck_line_of(run%d, k)
     end associate

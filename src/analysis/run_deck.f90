@@ -106,6 +106,7 @@ contains
     if (options%check) call mobility_lines(run%d, text)
     if (options%check) call flexibility_lines(run, text)
     if (options%check) call core_lines(run%sys%m, text)
+    if (options%check) call text%warn(limits_of_beams(run%sys%m, run%fastest))
     if (options%json .or. .not. options%check) call add_scene(run%d, run%sys%m, run%y(1:run%sys%m%s%nq), text)   ! in JSON alone
     call advise(run, advice)
     call text%append(advice%text)
@@ -181,6 +182,8 @@ contains
         else if (h > advice%lowest(k)) then
           line = line//'too large where bodies bend as far as the model holds; expected at most '// &
                  to_text(most_of(advice%lowest(k)))//' s'
+          call text%warn('step='//to_text(h)//' s is too large where bodies bend as far as the model holds; expected at '// &
+                         'most '//to_text(most_of(advice%lowest(k)))//' s')
         else if (len(advice%provided) > 0) then
           line = line//'stable as long as '//advice%provided//' stay as at the start'
         else

@@ -14,7 +14,7 @@ module summary
   use text, only: either, in_quotes, to_text
   implicit none (type, external)
   private
-  public :: model_lines, temperature_lines, version
+  public :: model_lines, temperature_lines, version, weak_frames
 
 contains
 
@@ -210,6 +210,18 @@ contains
       if (d%transient%present) text = text//weak_frame(m%s%bodies(k))
     end do
   end function model_warnings
+
+  !> What makes masses uneven where a frame has no inertia of its own; empty where none is so.
+  function weak_frames(m) result(text)
+    type(mechanism_model), intent(in) :: m
+    character(:), allocatable :: text
+    integer :: k
+    text = ''
+    do k = 1, size(m%s%bodies)
+      text = text//weak_frame(m%s%bodies(k))
+    end do
+    text = text(:index(text//new_line('a'), new_line('a')) - 1)   ! the first one
+  end function weak_frames
 
   !> Warns where the frame stands at a node of a mesh so fine that rounding reaches the inertia with which it turns in a
   !> transient (theory.md, section 7); equilibria, modes and responses do not feel it. Empty elsewhere.

@@ -174,3 +174,37 @@ def test_a_slider_out_of_reach_tells_how_far_it_is_open_where_the_others_are_clo
 """
     open_by = float(re.search(r'"z" in line 5 stays open by (\S+) m', told(run_deck, deck))[1])
     assert open_by == pytest.approx(0.3 * np.sin(0.8) + np.sin(-0.6) + 1.6, rel=1e-5)
+
+
+def test_a_singular_start_is_called_so(run_deck):
+    """Two bars along the line of their pivots: both ways to close are equally near; turned a little, one is."""
+    deck = """&body name='a' mass=1 inertia=0.02 com=0.2,0 angle={} /
+&body name='b' mass=1 inertia=0.02 com=0.2,0 position=0.6,0 /
+&joint name='p' type='revolute' body_a='a' /
+&joint name='q' type='revolute' body_a='b' body_b='a' point_b=0.6,0 /
+&joint name='r' type='revolute' body_a='b' point_a=0.5,0 point_b=0.3,0 /
+"""
+    words = told(run_deck, deck.format(0))
+    assert "this start, which is singular: bodies that are turned by 0.001 rad close it" in words
+    assert "one too many" not in words
+    run_deck(deck.format(0.001) + RUN)
+    assert "it is one too many" in told(run_deck, deck.format(0).replace("type='revolute' body_a='b' body_b", "type='weld' body_a='b' body_b"))
+
+
+@pytest.mark.parametrize("away", [30.0, 1e5])
+def test_bodies_that_are_far_apart_come_together(run_deck, away):
+    """A slider-crank whose rod and slider the deck has elsewhere: they come near, and the loop closes as its lengths say."""
+    deck = f"""&body name='c' mass=0.5 inertia=2e-3 angle=0.7 /
+&body name='r' mass=0.4 inertia=4e-3 com=0.1,0 position={away},0.3 angle=-0.2 /
+&body name='p' mass=0.5 inertia=1e-3 position={away + 0.3},0 /
+&joint name='o' type='revolute' body_a='c' /
+&joint name='q' type='revolute' body_a='r' body_b='c' point_b=0.1,0 /
+&joint name='w' type='revolute' body_a='r' point_a=0.3,0 body_b='p' /
+&joint name='g' type='prismatic' body_a='p' /
+&sensor name='c' quantity='angle' body='c' /
+&sensor name='p' quantity='position' body='p' /
+"""
+    found = run_deck(deck + RUN).history
+    angle, place = found["c"][0], found["p.x"][0]
+    assert abs(angle - 0.7) < 0.3
+    assert np.hypot(place - 0.1 * np.cos(angle), 0.1 * np.sin(angle)) == pytest.approx(0.3, abs=1e-9)

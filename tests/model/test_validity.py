@@ -359,3 +359,33 @@ def test_a_load_along_a_beam_in_motion(run_deck):
     assert float(re.search(r"pressed along its axis by (\S+) of its critical load", run.stderr)[1]) == pytest.approx(0.5, abs=0.02)
     assert run.summary.count("along its axis") == 1
     assert "along its axis" not in run_deck(HEAD + body("b", "reference='clamped' stiffening=.true.") + WALL + push + end).stderr
+
+
+def test_bodies_made_alike_have_one_warning_also_in_a_check(run_deck):
+    """Four thick links and a thicker one: two sentences."""
+    deck = "&material name='m' density=1200.0 young=1e7 /\n&section name='s' shape='rectangle' width=0.01 height=0.01 /\n"
+    deck += "&section name='t' shape='rectangle' width=0.01 height=0.02 /\n"
+    for k in range(5):
+        deck += f"&body name='b{k}' kind='beam' length=0.1 elements=3 material='m' section='{'ts'[k > 0]}' position={0.1 * k:.1f},0 /\n"
+        deck += f"&joint name='j{k}' type='revolute' body_a='b{k}' node_a=1 "
+        deck += f"body_b='b{k - 1}' node_b=-1 /\n" if k else "/\n"
+    deck += "&transient t_end=1e-5 method='radau' tolerance=1e-4 output_step=1e-5 /\n"
+    for options in ([], ["--check"]):
+        told = [line for line in run_deck(deck, *options).stderr.splitlines() if "short and thick" in line]
+        assert len(told) == 2
+        assert 'body "b0" is so' in told[0]
+        assert 'body "b1" (with 3 like it) is so' in told[1]
+
+
+def test_a_frame_at_a_node_of_a_fine_mesh_is_named(run_deck):
+    """One body has no uneven masses: its frame, which stands at one of 10,000 nodes, has no inertia beside the mesh."""
+    deck = """&material name='m' density=1600 young=2.1e10 /
+&section name='s' shape='rectangle' width=0.02 height=0.005 /
+&body name='rod' kind='beam' length=0.35 elements=10000 material='m' section='s' reference='clamped' /
+&joint name='w' type='weld' body_a='rod' node_a=1 /
+&static /
+"""
+    told = run_deck(deck, expect=2).stderr
+    assert "uneven" not in told
+    assert "clamped at a node of so fine a mesh" in told
+    assert "expected reference='pinned' or fewer elements" in told

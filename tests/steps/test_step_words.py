@@ -54,3 +54,22 @@ def test_other_methods_say_what_sets_their_step(tmp_path, transient, words):
     text = check(tmp_path, transient)
     assert words in text.splitlines()[-1]
     assert text.endswith("\n")
+
+
+@pytest.mark.parametrize(("method", "more"), [("rk4", ""), ("rk4", "&joint name='r' type='slider' body_a='b' node_a=-1 /"), ("dopri5", "")])
+def test_a_lost_run_names_the_step_where_that_is_above_a_bound(run_deck, method, more):
+    """Joints that open, or masses that a huge deflection made uneven, are what such a step does."""
+    deck = f"""&scene gravity=0,-9.81 /
+&material name='m' density=2000 young=2e9 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='a' kind='beam' length=0.3 elements=2 material='m' section='s' angle=-0.4 /
+&body name='b' kind='beam' length=0.3 elements=2 material='m' section='s' position={{0.3*cos(0.4)}},{{-0.3*sin(0.4)}} /
+&joint name='p' type='revolute' body_a='a' node_a=1 /
+&joint name='q' type='revolute' body_a='b' node_a=1 body_b='a' node_b=-1 /
+{more}
+&transient t_end=0.1 method='{method}' step=3e-4 accept_unstable=.true. output_step=3e-3 /
+"""
+    told = run_deck(deck, expect=1).stderr
+    assert "the solution diverged at t = " in told
+    assert "the step is too large for stability" in told
+    assert "cannot be kept closed" not in told

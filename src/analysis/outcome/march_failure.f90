@@ -12,6 +12,9 @@ module march_failure
   use slipping, only: painleve_ratio
   use sorting, only: ascending
   use step_control, only: error_norm
+  use step_counts, only: actual_step
+  use step_monitor, only: method_number
+  use summary, only: weak_frames
   use switching, only: element_name, too_soft
   use text, only: either, fixed_text, in_quotes, short_text
   use time_stepper, only: stepper, trouble_size, trouble_manifold, trouble_accuracy, trouble_iteration, trouble_shape, &
@@ -47,6 +50,7 @@ contains
       return
     end if
     trouble = merge(trouble_masses, march%trouble, run%sys%ev%schur%was_ill_conditioned .and. march%trouble /= trouble_size)
+    if (any(trouble == [trouble_masses, trouble_manifold]) .and. is_above_bound(run)) trouble = trouble_size
     ratios = ratios_now(run)
     if (any(ratios > nearly_locked) .and. trouble /= trouble_masses) trouble = trouble_system
     at = ' at t = '//short_text(march%t, 6)//' s'
@@ -59,7 +63,9 @@ contains
         text = friction_fault(run, ratios, at)
       end if
     case (trouble_masses)
-      text = 'the run cannot go on after t = '//short_text(march%t, 6)//' s: '//too_uneven//weakest_text(run%sys%m, run%sys%ev)
+      text = weak_frames(run%sys%m)
+      if (len(text) == 0) text = too_uneven//weakest_text(run%sys%m, run%sys%ev)
+      text = 'the run cannot go on after t = '//short_text(march%t, 6)//' s: '//text
     case (trouble_manifold)
       text = 'the joints cannot be kept closed after t = '//short_text(march%t, 6)//' s: '//widest_gap(run%sys%m, run%sys%ev)// &
              ' at t = '//short_text(march%tried, 6)//' s'//beyond_reach//check_the_drive(run)
@@ -95,6 +101,16 @@ contains
     b = weakest_constraint(run%sys%m, run%sys%ev)
     if (b > 0) fail%deck_line = deck_line_of(run%d, b)
   end subroutine explain_loss
+
+  !> Whether a fixed explicit step is above a bound that is known: what else is found of a lost run is its consequence.
+  pure logical function is_above_bound(run) result(above)
+    type(run_state), intent(in) :: run
+    integer :: k
+    above = .false.
+    k = method_number(run%d%transient%method)
+    if (k == 0 .or. run%d%transient%adaptive) return
+    above = actual_step(run%d%transient%output_step, run%d%transient%step) > min(run%stable_steps(k), run%monitor%smallest)
+  end function is_above_bound
 
   !> Ends the run with a paragraph.
   subroutine give_up(text, last, fail)

@@ -9,7 +9,7 @@ module validity
   use evaluation_results, only: evaluation
   use layer_limits, only: body_sentence, stiff_core, thick_layers, told
   use mechanism, only: mechanism_model
-  use text, only: either
+  use text, only: either, to_text
   implicit none (type, external)
   private
   public :: validity_watch, bend_to_limit, limits_of_beams, lowest_frequency
@@ -193,18 +193,29 @@ contains
     text = ''
     do b = 1, size(m%s%bodies)
       associate (body => m%s%bodies(b))
-        if (.not. body%flexible) cycle
+        if (.not. body%flexible .or. m%prototype(b) /= b) cycle
         if (body%layers%shown) then
-          text = text//stiff_core(body)//thick_layers(body, max(fastest, frequency_in_use(body)))
+          text = text//with_others(stiff_core(body))//with_others(thick_layers(body, max(fastest, frequency_in_use(body))))
           cycle
         end if
         shear = shear_correction(body)
         reduced = body%basis%reduced_from > 0
-        if (shear > told) text = text//body_sentence(body, '', 'is so short and thick that shear and rotary inertia, which '// &
-          'sections without shear=.true. lack, would lower its '//either('highest kept', 'lowest', reduced .and. body%nf > 1)// &
-          ' frequency by', 100*shear, '%'//either('', ', and higher ones by more', reduced))
+        if (shear > told) text = text//with_others(body_sentence(body, '', 'is so short and thick that shear and rotary '// &
+          'inertia, which sections without shear=.true. lack, would lower its '//either('highest kept', 'lowest', reduced .and. &
+          body%nf > 1)//' frequency by', 100*shear, '%'//either('', ', and higher ones by more', reduced)))
       end associate
     end do
+  contains
+    !> A sentence of body b that holds for others of its kind, too.
+    function with_others(sentence) result(more)
+      character(*), intent(in) :: sentence
+      character(:), allocatable :: more
+      integer :: others, at
+      others = count(m%prototype == b) - 1
+      at = index(sentence, '" ')
+      more = sentence
+      if (others > 0 .and. at > 0) more = sentence(:at)//' (with '//to_text(others)//' like it)'//sentence(at + 1:)
+    end function with_others
   end function limits_of_beams
 
   !> Adds the body's lowest mode to its elastic coordinates, as large as the linear frame holds.

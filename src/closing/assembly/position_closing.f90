@@ -32,15 +32,16 @@ contains
     type(assembly_report), intent(inout) :: report
     type(failure), intent(inout) :: fail
     real(wp), allocatable :: trial(:)
-    real(wp) :: worst, before, length
+    real(wp) :: worst, before, length, turn   ! [m], [-]
     integer :: pass, b, tries
     if (self%s%rows > 0) then
       call frame_positions(self, ev, q, v, worst)
       do pass = 1, most_newton
         if (worst <= closed_gap(self, ev)) exit
+        turn = min(1.0_wp, self%s%size/worst)  ! bodies that are far from each other come near before they turn
         do b = 1, size(self%s%bodies)
           ev%frame%l(:, b) = 0.0_wp
-          ev%frame%dinv(:, b) = [self%s%size**2, self%s%size**2, 1.0_wp]
+          ev%frame%dinv(:, b) = [self%s%size**2, self%s%size**2, turn**2]
         end do
         call condense_constraints(self, ev, .true.)
         call ev%schur%factor()
@@ -49,7 +50,7 @@ contains
         call apply_multipliers(self, ev, ev%lambda, ev%a)
         trial = q
         before = worst
-        length = min(1.0_wp, 0.5_wp/max(largest_motion(self, ev%a, 1.0_wp), tiny(1.0_wp)))
+        length = min(1.0_wp, 0.5_wp/max(largest_motion(self, ev%a, merge(1.0_wp, 0.0_wp, turn >= 1.0_wp)), tiny(1.0_wp)))
         do tries = 1, 12
           q = trial + length*ev%a
           call frame_positions(self, ev, q, v, worst)

@@ -152,7 +152,7 @@ contains
     sliding = merge(sign(1, state), 0, abs(state) == row_slips)
   end function sliding
 
-  !> Part of its limit that acts: 1 where it slips.
+  !> Part of its limit that acts: 1 where it slips. A row at rest has no more, but an evaluation beside an event may.
   pure real(wp) function share(self, state, lambda, pressed)   ! [-]
     class(coulomb_law), intent(in) :: self
     integer, intent(in) :: state
@@ -161,7 +161,7 @@ contains
     share = merge(1.0_wp, 0.0_wp, abs(lambda(self%row)) > 0.0_wp)
     if (abs(state) == row_slips) return
     associate (force => abs(lambda(self%row)))
-      share = force/max(self%limit(.true., lambda, pressed), epsilon(1.0_wp)*force, tiny(1.0_wp))   ! a stop may have just parted
+      share = min(1.0_wp, force/max(self%limit(.true., lambda, pressed), tiny(1.0_wp)))   ! a stop may have just parted
     end associate
   end function share
 end module friction_law
