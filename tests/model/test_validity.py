@@ -366,7 +366,7 @@ def test_bodies_made_alike_have_one_warning_also_in_a_check(run_deck):
     deck = "&material name='m' density=1200.0 young=1e7 /\n&section name='s' shape='rectangle' width=0.01 height=0.01 /\n"
     deck += "&section name='t' shape='rectangle' width=0.01 height=0.02 /\n"
     for k in range(5):
-        deck += f"&body name='b{k}' kind='beam' length=0.1 elements=3 material='m' section='{'ts'[k > 0]}' position={0.1 * k:.1f},0 /\n"
+        deck += f"&body name='b{k}' kind='beam' length=0.1 elements=3 material='m' section='{'ts'[k > 0]}' position={k}e-1,0 /\n"
         deck += f"&joint name='j{k}' type='revolute' body_a='b{k}' node_a=1 "
         deck += f"body_b='b{k - 1}' node_b=-1 /\n" if k else "/\n"
     deck += "&transient t_end=1e-5 method='radau' tolerance=1e-4 output_step=1e-5 /\n"

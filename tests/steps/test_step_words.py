@@ -56,7 +56,10 @@ def test_other_methods_say_what_sets_their_step(tmp_path, transient, words):
     assert text.endswith("\n")
 
 
-@pytest.mark.parametrize(("method", "more"), [("rk4", ""), ("rk4", "&joint name='r' type='slider' body_a='b' node_a=-1 /"), ("dopri5", "")])
+SLIDER = "&joint name='r' type='slider' body_a='b' node_a=-1 /"
+
+
+@pytest.mark.parametrize(("method", "more"), [("rk4", ""), ("rk4", SLIDER), ("dopri5", "")])
 def test_a_lost_run_names_the_step_where_that_is_above_a_bound(run_deck, method, more):
     """Joints that open, or masses that a huge deflection made uneven, are what such a step does."""
     deck = f"""&scene gravity=0,-9.81 /
