@@ -45,7 +45,7 @@ def moved_words(run: History, name: str) -> list[str]:
     sensor, _, part = name.rpartition(".")
     if part not in SIGNED["s"] or f"{sensor}.along" not in run:
         return []
-    place = run[f"{sensor}.along"] + (run[f"{sensor}.element"] if f"{sensor}.element" in run else 0.0)
+    place = sum(run[name] for name in (f"{sensor}.along", f"{sensor}.element") if name in run)
     size = run[f"{sensor}.s"]
     elsewhere = size[np.abs(place - place[size.argmax()]) > FINE]
     share = elsewhere.max(initial=0.0) / (size.max() or 1.0)
@@ -60,7 +60,7 @@ def cycles(values: np.ndarray) -> np.ndarray:
     return np.array([cycle[:3] for cycle in extract_cycles(values)], dtype=float).reshape(-1, 3)
 
 
-def cycles_repeated(values: np.ndarray) -> np.ndarray:
+def repeating(values: np.ndarray) -> np.ndarray:
     """Return the same of a history that follows itself again and again (5.4.5): from its largest value on all cycles are whole."""
     first = int(np.argmax(values))
     counted = cycles(np.concatenate([values[first:], values[: first + 1]]))
@@ -91,7 +91,7 @@ def picture(run: History, names: list[str], life: tuple[float, float, float] | N
         figure, axes = subplots(len(names), 1, figsize=(8.0, 0.8 + 3.0 * len(names)), squeeze=False)
         for axis, name in zip(axes[:, 0], names):
             refuse_size(run, name, "cycles")
-            counted = cycles_repeated(run[name])
+            counted = repeating(run[name])
             counted = counted[np.argsort(-counted[:, 0], kind="stable")]
             at_least = np.cumsum(counted[:, 2])
             top, unit = counted[0, 0] if len(counted) else 0.0, pretty_unit(run.units[name])

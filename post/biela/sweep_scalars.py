@@ -157,7 +157,7 @@ class Scalar:
             "decay_rate": lambda: decay_rate(axis, values),
             "settling_time": lambda: settling_time(axis, values, self.target, self.within or self.band * np.ptp(values)),
             "spectral_peak": lambda: spectral_peak(axis, values),
-            "damage": lambda: fatigue.damage(fatigue.cycles_repeated(values), self.strength, self.cycles, self.slope, self.ultimate),
+            "damage": lambda: fatigue.damage(fatigue.repeating(values), self.strength, self.cycles, self.slope, self.ultimate),
         }
         return float(simple[self.measure]())
 

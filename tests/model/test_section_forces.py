@@ -83,7 +83,7 @@ SPIN = 30.0
 
 @pytest.mark.parametrize("more", KINDS)
 def test_a_spinning_bar_is_pulled_by_its_own_mass(run_deck, more):
-    """rho A W^2 (L^2 - x^2)/2 at x, with one element: at the root, at the tip, and in stresses at a quarter of the length."""
+    """By rho A W^2 (L^2 - x^2)/2 at x, with one element: at the root, at the tip, and in stresses at a quarter of the length."""
     deck = beam("hinged", f"angular_velocity={SPIN} {more}").replace(f"gravity=0,-{GRAVITY}", "").replace("2e-3", "2e-4")
     deck += "&sensor name='at' quantity='internal' body='r' element=1 along=0.25 /\n"
     found = run_deck(deck + "&transient t_end=0.02 method='radau' tolerance=1e-8 output_step=0.02 /\n").history
@@ -98,7 +98,8 @@ def test_a_spinning_bar_is_pulled_by_its_own_mass(run_deck, more):
 @pytest.mark.parametrize("more", ["", "axial=.false.", "flexible=.false."])
 def test_a_falling_bar_bends_most_at_a_third(run_deck, more):
     """Hinged at one end and let go level: M = (m g x/4) (1 - x/L)^2 cos of the angle, so that tall chimneys break there."""
-    rest = "&sensor name='turn' quantity='angle' body='r' /\n&sensor name='third' quantity='internal' body='r' element=1 along={1/3} /\n"
+    rest = "&sensor name='turn' quantity='angle' body='r' /\n"
+    rest += "&sensor name='third' quantity='internal' body='r' element=1 along={1/3} /\n"
     found = run_deck(
         beam("hinged", more, 1, rest) + "&transient t_end=0.3 method='radau' tolerance=1e-9 output_step=0.01 /\n"
     ).history
@@ -142,7 +143,8 @@ def test_elements_agree_at_their_node(run_deck, section, more):
 &material name='k' density=2500.0 young=3.0e8 rayleigh_mass=5.0 /
 """
         + f"&section name='s' {SECTIONS[section]} /\n"
-        + "&body name='c' mass=0.2 inertia=1e-3 com=0.05,0 angle=0.4 angular_velocity=40 /\n&joint name='a' type='revolute' body_a='c' /\n"
+        + "&body name='c' mass=0.2 inertia=1e-3 com=0.05,0 angle=0.4 angular_velocity=40 /\n"
+        + "&joint name='a' type='revolute' body_a='c' /\n"
         + f"&body name='b' kind='beam' length=0.4 elements=3 section='s' position={at[0]!r},{at[1]!r} angle=1.0 {more}"
         + ("" if "layers" in SECTIONS[section] else " material='m'")
         + " /\n&joint name='e' type='revolute' body_a='b' node_a=1 body_b='c' point_b=0.1,0 /\n"
