@@ -122,6 +122,8 @@ contains
       call method_lines(advice, k)
       call advice%text%close()
     end do
+    if (advice%current%growth > 0.0_wp) call advice%text%line('  note: loops or forces over the motion make a motion grow by '// &
+      '{growth} 1/s, as assembled', [advice%current%growth])
     words = remedy(m, advice%safe%cause(1))
     if (len(words) > 0) call advice%text%line('  larger steps by: {larger_steps_by='//words//'}')
   end subroutine advice_lines

@@ -28,6 +28,7 @@ module fast_poles
     complex(wp), allocatable :: lambda(:)          !! Im >= 0 [1/s]
     real(wp), allocatable :: x(:, :)               !! (n, poles) of unit modal mass [1/sqrt(kg)]
     complex(wp), allocatable :: open(:)            !! poles with the loops of all controllers open; none without controllers [1/s]
+    real(wp) :: growth = 0.0_wp                    !! of the motion that grows fastest [1/s]
     integer, allocatable :: controller(:)          !! (poles) the one whose forces do most work, 0: there is none
   end type pole_list
 
@@ -283,7 +284,8 @@ contains
     do part = 1, model%parts
       call found%find(model, pack([(j, j=1, model%p)], model%label == part), .true., ok, a)
       if (.not. ok) return
-      if (present(loops)) found%lambda%re = min(found%lambda%re, 0.0_wp)   ! one that they make grow bounds steps, too
+      poles%growth = max(poles%growth, maxval(found%lambda%re, found%lambda%re > half_digits*abs(found%lambda)))
+      found%lambda%re = min(found%lambda%re, 0.0_wp)   ! one that loops or forces over the motion make grow bounds steps, too
       poles%lambda = [poles%lambda, found%lambda]
       do i = 1, size(found%lambda)
         v = found%shape(:, i)

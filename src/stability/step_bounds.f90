@@ -36,6 +36,7 @@ module step_bounds
     real(wp) :: step(size(method_names)) = huge(1.0_wp)   !! [s]
     complex(wp) :: mu(size(method_names)) = 0.0_wp        !! the limiting eigenvalue [1/s]
     type(bound_cause) :: cause(size(method_names))        !! what it belongs to
+    real(wp) :: growth = 0.0_wp                           !! of the motion that grows fastest, 0: none is known to grow [1/s]
   end type step_bound
 
   integer, parameter :: modes_examined = 6         !! fastest modes that are examined where too many laws take part in each
@@ -73,6 +74,7 @@ contains
     damped = fast%damped .or. size(fast%lin%segments) > 0 .or. (with_joints .and. fast%loops)
     if (damped) then
       call find_fast_poles(m, ev, with_joints, fast, poles, damped)
+      bound%growth = poles%growth
       do k = 1, merge(size(poles%lambda), 0, damped)
         call add_pole_bound(m, ev, fast, poles, k, bound)
       end do

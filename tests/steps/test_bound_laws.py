@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from itertools import combinations
@@ -274,3 +275,27 @@ def test_a_force_that_sees_nothing_of_the_motion_bounds_no_step(run_deck):
     told = run_deck(deck, "--check").stdout
     assert "rk4: no limit" in told
     assert "dopri5: no limit" in told
+
+
+@pytest.mark.parametrize("feed", [0.0, 10.0, 200.0])
+@pytest.mark.parametrize("spring", [False, True])
+def test_a_vibration_that_forces_make_grow_bounds_steps_by_its_frequency(run_deck, spring, feed):
+    """A mass with x'' - feed x' + 1e6 x = 0, the stiffness that of a spring or of a force over the place."""
+    deck = """&body name='m' mass=1 inertia=1 position=0.001,0 /
+&joint name='guide' type='prismatic' body_a='m' /
+&sensor name='x' quantity='position' body='m' /
+&sensor name='v' quantity='velocity' body='m' /
+"""
+    if spring:
+        deck += "&spring name='k' type='linear' body_a='m' point_b=-1,0 stiffness=1e6 free_length=1 /\n"
+    else:
+        deck += "&history name='k' kind='table' argument='x.x' interpolation='linear' time=-1,1 value=1e6,-1e6 /\n"
+        deck += "&force name='k' body='m' fx=1 history='k' /\n"
+    deck += "&history name='c' kind='table' argument='v.x' interpolation='linear' "
+    deck += f"time=-1000,1000 value={-1000 * feed},{1000 * feed} /\n&force name='c' body='m' fx=1 history='c' /\n"
+    told = run_deck(deck + "&transient method='rk4' step=1e-6 t_end=1.0 /\n", "--check", "--json", name="told").stdout
+    assert json.loads(told)["stable_steps"].get("growth", 0.0) == pytest.approx(feed / 2, rel=1e-9)
+    safe, current = bounds(run_deck, deck, "rk4")
+    frequency = np.sqrt(1e6 - feed**2 / 4)
+    assert current == pytest.approx(np.sqrt(8) / frequency, rel=1e-4)
+    assert safe == pytest.approx(np.sqrt(8) / (1000 if spring else frequency), rel=1e-4)
