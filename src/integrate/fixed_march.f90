@@ -21,7 +21,7 @@ contains
     class(stepper), intent(inout) :: self
     class(ode), intent(inout) :: system
     real(wp), intent(in) :: from, to          !! last and next output time [s]
-    real(wp) :: h, ends
+    real(wp) :: h, ends, longest              ! [s]
     logical :: ok, at_event, whole
     integer(ip) :: n
     if (self%roots%pending) then
@@ -30,7 +30,8 @@ contains
     end if
     associate (parts => self%settings%parts)
       n = step_count(from, to, parts*self%settings%step)
-      call next_piece(self, from, to, n, parts*system%longest_fixed((to - from)/(real(n, wp)*parts), self%settings%order), h, whole)
+      longest = min(system%longest_fixed((to - from)/(real(n, wp)*parts), self%settings%order), huge(1.0_wp)/parts)
+      call next_piece(self, from, to, n, parts*longest, h, whole)
     end associate
     if (self%output_due) return
     if (self%settings%parts > 1) call divide_piece(self, h, whole)

@@ -30,6 +30,7 @@ PIECES = re.findall(
     "& / ' \" = , ! 3* 99* nan 1e400 - . ; $ {one { } {1^ ** ^-1} &parameter set='one=2' prefix='p' &end (1) 1.0x -1 0 'rod' &body "
     "kind='frame' &static/ \x00 \x7f é",
 )
+MARKS = ["", "=", ",", ",,", "'", '"', "=,", "','", "'='", " ", "2*", "3*", "{", ")"]  # in the place of one in a list
 ASSIGNMENT = re.compile(r"(\w+)\s*=\s*('[^'\n]*'|[^\s',/]+)((?:,[^\s,/]+)*)")
 NUMBER = re.compile(r"(?<![\w.'])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w'])")
 GROUP = re.compile(r"^&.*?(?=^&|\Z)", re.DOTALL | re.MULTILINE)
@@ -55,6 +56,8 @@ def value(dice: random.Random, key: Key) -> str:
         return f"'{dice.choice(words)}'"
     if key.type == "logical":
         return dice.choice([".true.", ".false."])
+    if key.name == "inertia":
+        return some(dice, -4, 0)
     if key.type == "pair":
         return ",".join(sorted((some(dice, -2, 1), some(dice, -2, 1)), key=float))
     if key.type in ("integer", "auto"):
@@ -123,7 +126,14 @@ def materials(dice: random.Random) -> str:
         "shape='circle' diameter=0.02",
         "shape='tube' outer=0.03 inner=0.02",
     ]
-    return text + "".join(f"&section name='{name}' {dice.choice(shapes)} /\n" for name in "st")
+    text += "".join(f"&section name='{name}' {dice.choice(shapes)} /\n" for name in "st")
+    cores = dice.randint(0, 4)
+    stack = ",".join(["'m'", "'n'"] * cores + ["'m'"])
+    thick = ",".join(["1e-3", some(dice, -4, -3)] * cores + ["1e-3"])
+    named = ",".join(str(2 * k) for k in range(1, cores + 1)) or "0"
+    for name, base in (("v", 1), ("w", dice.choice([1, 2 * cores + 1]))):  # the same cores, or others, as seen from the node line
+        text += f"&section name='{name}' width=0.02 layers={stack} thickness={thick} base={base} cores={named} /\n"
+    return text
 
 
 def body(dice: random.Random, name: str) -> tuple[str, str, int]:
@@ -144,6 +154,10 @@ def body(dice: random.Random, name: str) -> tuple[str, str, int]:
     option = option.replace("modes=", f"modes={dice.randint(1, 3)} {more}")
     made = f"length={some(dice, -1.5, 0.5)} elements={nodes - 1} node_x={x} node_y={y} element_nodes={pairs} section='s' {option}"
     made += dice.choice([" material='m'", f" element_material={each}"]) if kind == "beam" else " material='n'"
+    if kind == "beam" and dice.random() < 0.25:
+        layered = ",".join(dice.choice(["'v'", "'w'"]) for _ in range(nodes - 1))
+        made = re.sub(r" (?:element_)?material=\S+| modulus_at=\S+", "", made).replace("section='s'", f"element_section={layered}")
+        made += maybe(dice, 0.3, " slip_held=1")
     at = f"position={dice.uniform(-1, 1):.3f},{dice.uniform(-1, 1):.3f} angle={dice.uniform(-3, 3):.3f}"
     without = "flexible viscoelastic modulus_at axial stiffening modes static_shapes reference thermal_resistance"
     text = group_of(dice, "body", f"name='{name}' kind='{kind}' {at} {made if nodes else ''}", without)
@@ -225,7 +239,6 @@ def parts(dice: random.Random, bodies: list[tuple[str, int]]) -> str:
         name, nodes = dice.choice(flexible)
         text += f"&sensor name='u' quantity='deflection' body='{name}' node=-1 /\n"
         text += maybe(dice, 0.5, f"&sensor name='i' quantity='internal' body='{name}' element=1 /\n")
-        text += maybe(dice, 0.2, f"&sensor name='w' quantity='stress' body='{name}' /\n")
         text += maybe(dice, 0.3, f"&sensor name='q' quantity='coordinate' body='{name}' index=1 /\n")
     for k in range(dice.choice([0, 0, 1, 2])):
         text += stop(dice, bodies, f"t{k}") + maybe(dice, 0.6, f"&sensor name='t{k}' quantity='stop' stop='t{k}' /\n")
@@ -398,23 +411,26 @@ def stop(dice: random.Random, bodies: list[tuple[str, int]], name: str) -> str:
         limits = f"profile='p0' {follower(dice, 0.1)}"
     law = dice.choice(["", f" damping={some(dice, -3, 2)}", f" restitution={dice.uniform(0.05, 1):.3f}"])
     law = f"stiffness={some(dice, 1, 12)}{law}"
-    without = f"lower upper radius face stiffness damping restitution {PLACES}"
+    without = f"lower upper radius face stiffness damping restitution friction friction_static pin_radius {PLACES}"
+    rubs = "" if kind == "rotation" else maybe(dice, 0.3, f" friction={some(dice, -3, 0)} pin_radius=0.01")
     if dice.random() < (0.4 if all(nodes <= 0 for _, nodes in bodies) else 0.03):  # rigid stops meet rigid bodies
         law = f"restitution={dice.choice(['0', '1', f'{dice.uniform(0, 1):.3f}'])}"
         wide = f"lower=-{some(dice, -2, 1)} upper={some(dice, -2, 1)}"
         limits = dice.choice([limits, wide]) if "er=" in limits else limits
+        rubs = ""
         without += " exponent"
     where = sides(dice, bodies, turns=kind == "rotation")
-    return group_of(dice, "stop", f"name='{name}' type='{kind}' {where} {limits} {law}", without, 0.4)
+    return group_of(dice, "stop", f"name='{name}' type='{kind}' {where} {limits} {law}{rubs}", without, 0.4)
 
 
-def transient(dice: random.Random) -> str:
+def transient(dice: random.Random, text: str) -> str:
     """Return a &transient of some hundred steps at most."""
     end = dice.choice([1e-3, 1e-3, 1e-2])
     method = dice.choice(METHODS)
     explicit = method in ("rk4", "dopri5")
     if dice.random() < 0.1:
-        more = maybe(dice, 0.1, " check_reduction=.true.") + maybe(dice, 0.1, " check_mesh=.true.")
+        more = maybe(dice, 0.1 * (" modes=" in text), " check_reduction=.true.")
+        more += maybe(dice, 0.1 * ("'beam'" in text), " check_mesh=.true.")
         return f"&transient t_end={end} accuracy={some(dice, -3, -1)} most_seconds=60{more} /\n"
     how = f"step={end / dice.choice([20, 50, 200] if explicit else [1, 7, 40, 200]):.6g}"
     if method in ("dopri5", "radau") and dice.random() < 0.6:
@@ -442,7 +458,7 @@ def analyses(dice: random.Random, text: str) -> str:
     linear = not re.search("quantity='(?:power|work|energy|stress)'", text)
     if entries and dice.random() < (0.2 if linear else 0.02):
         made += group_of(dice, "frequency_response", f"from=0.5 to={some(dice, 0, 4)} points=5 input='{dice.choice(entries)}'")
-    return made + maybe(dice, 0.9, transient(dice))
+    return made + maybe(dice, 0.9, transient(dice, text))
 
 
 def language(dice: random.Random) -> str:
@@ -455,26 +471,27 @@ def language(dice: random.Random) -> str:
         bodies.append((f"b{k}", nodes))
         text += group
         if dice.random() < 0.9:
-            kind = dice.choice(JOINTS)
+            kind = dice.choice([joint for joint in JOINTS if k or joint != "gear"])  # of the first one b and c are the ground
             more = maybe(dice, 0.5, f" body_c='b{dice.randint(0, k)}'") if kind == "gear" else ""
             rubs = kind in ("revolute", "slider", "prismatic") and dice.random() < 0.4
             mu = dice.choice(["0", "10", "1e-12", some(dice, -3, 0)])
             static = maybe(dice, 0.4, f" friction_static={min(10.0, float(mu) * 10 ** dice.uniform(0, 2)):.4g}")
             more += f" friction={mu}{static} pin_radius={some(dice, -6, 0)}" * rubs
-            text += maybe(dice, 0.5 * rubs, f"&sensor name='rub{k}' quantity='friction' joint='j{k}' /\n")
+            text += maybe(dice, 0.5 * (rubs and mu != "0"), f"&sensor name='rub{k}' quantity='friction' joint='j{k}' /\n")
             more += f" profile='p0' {follower(dice, 0.1)}" * (kind == "profile")
-            without = f"{PLACES} radius face friction friction_static" + " length" * (dice.random() < 0.8)
+            without = f"{PLACES} radius face friction friction_static preload_static" + " length" * (dice.random() < 0.8)
             without += " preload pad_distance pin_radius" * (not rubs)
             text += group_of(dice, "joint", f"name='j{k}' type='{kind}' {sides(dice, bodies, k)}{more}", without, 0.6)
     text += maybe(dice, 0.2, f"&joint name='loop' type='{dice.choice(JOINTS[:5])}' {sides(dice, bodies)} /\n")
     text += "".join(f"&sensor name='r{j}' quantity='reaction' joint='{j}' /\n" for j in re.findall(r"&joint name='(\w+)'", text))
-    return text + "".join(history(dice, f"h{k}") for k in range(3)) + parts(dice, bodies)
+    text += "".join(history(dice, f"h{k}") for k in range(3)) + parts(dice, bodies)
+    return text + maybe(dice, 0.6, watched(dice, text, bodies))
 
 
 def expressed(dice: random.Random, text: str) -> str:
     """Return a deck with expressions of the same values in the places of some numbers, and now and then a repeated part."""
     forms = ["{{{0}*one}}", "{{({0})/one^2 + zero}}", "{{-(-{0})}}", "{{min({0},one*{0})}}", "{{{0}*cos(zero)}}"]
-    quoted = re.split(r"('[^'\n]*')", text)
+    quoted = re.split(r"('[^'\n]*'|\{[^}\n]*\})", text)
     for k in range(0, len(quoted), 2):
         quoted[k] = NUMBER.sub(lambda found: dice.choice(forms).format(found[0]) if dice.random() < 0.3 else found[0], quoted[k])
     text = "".join(quoted) + "&parameter name='zero' value={one-1} /\n&parameter name='one' value={exp(0)} /\n"
@@ -485,17 +502,59 @@ def expressed(dice: random.Random, text: str) -> str:
 def drawn(dice: random.Random) -> str:
     """Return a whole deck that somebody might have written."""
     kind = dice.random()
-    if kind < 0.45:
+    if kind < 0.35:
         text = language(dice)
-    elif kind < 0.6:
+    elif kind < 0.45:
         text = cam(dice)
-    elif kind < 0.85:
+    elif kind < 0.75:
         text = dice.choice([random_scenes.chain, random_scenes.crank, random_scenes.cantilever])(dice)
         text = "&scene gravity=0,-9.81 /\n" + text + random_scenes.sensors(text)
     else:
         text = dice.choice(list(scenes.ALL.values())).replace(scenes.TRANSIENT, "")
     text = cycle(dice, text) if dice.random() < 0.15 and "&force" in text else text + analyses(dice, text)
     return expressed(dice, text) if dice.random() < 0.25 else text
+
+
+def watched(dice: random.Random, text: str, bodies: list[tuple[str, int]]) -> str:
+    """Return sensors of every quantity on every body and on all that connects and drives them, or some of these."""
+    found = []
+    for name, nodes in bodies:
+        group = re.search(rf"&body name='{name}'[^&]*", text)[0]
+        place = f"body='{name}' {marker(dice, nodes, '')}"
+        found += [f"{quantity}' {place}" for quantity in ("position", "velocity", "acceleration", "distance")]
+        found += [f"{quantity}' body='{name}'" for quantity in ("angle", "angular_velocity", "angular_acceleration", "energy")]
+        if nodes <= 0:
+            continue
+        node, element = dice.randint(1, nodes), dice.randint(1, nodes - 1)
+        found += [f"deflection' body='{name}' node={node}", f"coordinate' body='{name}' index=1"]
+        found += [f"internal' body='{name}' element={element}"]
+        if "element_section" in group:
+            layers = len(re.search(r"name='v'.*layers=(\S+)", text)[1].split(","))
+            found += [f"layer' body='{name}' element={element} layer={k}" for k in range(1, layers + 1)]
+            found += [f"energy' body='{name}' layer={k}" for k in range(1, layers + 1)]
+            found += [f"slip' body='{name}' node={k}" for k in range(1, nodes + 1) if layers > 1]
+        elif "area=" not in re.search(r"name='s'.*", text)[0]:
+            found.append(f"stress' body='{name}'")
+    of = {"joint": "reaction power work", "drive": "reaction power work", "force": "power work", "spring": "spring power work"}
+    for kind, quantities in (of | {"stop": "stop", "controller": "controller"}).items():
+        for group in re.findall(rf"&{kind} (name='\w+'[^&]*)", text):
+            name = re.match(r"name='(\w+)'", group)[1]
+            also = " contact" * ("type='profile'" in group) + " friction" * (kind != "force" and " friction=" in group)
+            found += [f"{quantity}' {kind}='{name}'" for quantity in (quantities + also * (kind in ("joint", "stop"))).split()]
+    kept = found if dice.random() < 0.3 else [one for one in found if dice.random() < 0.2]
+    return "".join(f"&sensor name='x{k}' quantity='{one} /\n" for k, one in enumerate(kept))
+
+
+def tokens(dice: random.Random, deck: str) -> str:
+    """Return a deck with a mark of a list damaged: one of its commas, quotes or equals signs, or an item of it."""
+    lists = list(re.finditer(r"\w+\s*=\s*(?:'[^'\n]*'|[^\s,/'=]+)(?:\s*,\s*(?:'[^'\n]*'|[^\s,/'=]+))+", deck))
+    if not lists:
+        return deck
+    one = dice.choice(lists)
+    marks = list(re.finditer(r"[,='\"]|[^,='\"\s]+", one[0]))
+    mark = dice.choice(marks)
+    new = dice.choice([*MARKS, mark[0] * 2, f"{mark[0]},{mark[0]}"])
+    return deck[: one.start() + mark.start()] + new + deck[one.start() + mark.end() :]
 
 
 def odd(dice: random.Random, deck: str) -> str:
@@ -562,14 +621,14 @@ def decks(draw: st.DrawFn) -> bytes:
     """Return a deck: as somebody might write it, with odd values, or damaged; one number makes it."""
     dice = draw(st.randoms(use_true_random=True))
     kind = dice.random()
-    if kind < 0.35:
+    if kind < 0.1:
         deck = dice.choice(SHIPPED)
     else:
         text = drawn(dice)
-        for _ in range(dice.choice([0, 0, 0, 1, 1, 2])):
-            text = odd(dice, text)
+        for _ in range(dice.choice([1, 1, 2]) if kind < 0.22 else dice.choice([0, 0, 0, 0, 0, 1, 2])):
+            text = tokens(dice, text) if kind < 0.22 else odd(dice, text)
         deck = text.encode()
-        if kind < 0.9:
+        if kind < 0.97:
             return deck
     for _ in range(dice.randint(1, 3)):
         deck = damaged(dice, deck)
