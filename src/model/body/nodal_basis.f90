@@ -269,7 +269,7 @@ contains
     type(elastic_work), intent(in) :: w
     type(triplet_matrix), intent(inout) :: stiffness
     type(triplet_matrix), intent(inout) :: segments(:)
-    real(wp) :: k(most_coordinates, most_coordinates), x(0:b%nf)
+    real(wp) :: k(max(most_coordinates, size(b%edof, 1)), max(most_coordinates, size(b%edof, 1))), x(0:b%nf)
     integer :: e, r, n, part, at(size(b%edof, 1))
     x(0) = 0.0_wp
     x(1:) = q

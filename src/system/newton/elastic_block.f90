@@ -133,7 +133,7 @@ contains
     type(body_equations), intent(in) :: eq
     type(body_model), intent(in) :: body
     integer, intent(in) :: e
-    real(wp), dimension(most_coordinates, most_coordinates) :: k, at_rest, g
+    real(wp), dimension(max(most_coordinates, size(body%edof, 1)), max(most_coordinates, size(body%edof, 1))) :: k, at_rest, g
     real(number) :: factor
     integer :: i, j, r, n, part
     n = size(body%edof, 1)
