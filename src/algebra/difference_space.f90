@@ -20,6 +20,9 @@ module difference_space
     procedure :: rest_of
     procedure :: fit
     procedure :: ritz
+    procedure :: rescale
+    procedure :: along
+    procedure :: spread => spread_of
   end type direction_space
 
   !> Ritz pairs of M, the largest first.
@@ -78,6 +81,22 @@ contains
       call self%add(before%v(:, k), before%w(:, k))
     end do
   end subroutine learn
+
+  !> All components by other units.
+  subroutine rescale(self, factor)
+    class(direction_space), intent(inout) :: self
+    real(wp), intent(in) :: factor(:)         !! (n) [any]
+    type(direction_space) :: before
+    real(wp) :: length                        ! [any]
+    integer :: k
+    before%v = self%v(:, :self%count)
+    before%w = self%w(:, :self%count)
+    self%count = 0
+    do k = 1, size(before%v, 2)
+      length = norm2(factor*before%v(:, k))
+      if (length > 0.0_wp) call self%add(factor*before%v(:, k)/length, factor*before%w(:, k)/length)
+    end do
+  end subroutine rescale
 
   !> The part of a vector that is orthogonal to the directions, to rounding.
   function rest_of(self, x) result(rest)
@@ -140,18 +159,13 @@ contains
   subroutine ritz(self, pairs)
     class(direction_space), intent(in) :: self
     type(ritz_pairs), intent(out) :: pairs
-    real(wp), allocatable :: g(:, :), h(:, :), left(:, :), right(:, :), re(:), im(:), work(:)
+    real(wp), allocatable :: h(:, :), left(:, :), right(:, :), re(:), im(:), work(:)
     integer, allocatable :: order(:)
-    integer :: pivots(self%count)
     complex(wp), allocatable :: x(:)
     real(wp) :: size_of                       ! [-]
     integer :: k, n, info
     n = self%count
-    associate (v => self%v(:, :n), w => self%w(:, :n))
-      g = matmul(transpose(v), v)
-      h = matmul(transpose(v), w)
-    end associate
-    call dgesv(n, n, g, n, pivots, h, n, info)     ! the map within the space: M V is nearest to V H
+    h = coefficients(self, self%w(:, :n))               ! the map within the space: M V is nearest to V H
     allocate (left(n, n), right(n, n), re(n), im(n), work(8*n + 8))
     call dgeev('V', 'V', n, h, n, re, im, left, n, right, n, work, size(work), info)
     order = ascending(-hypot(re, im))         ! equal ones, the two of a pair, stay as they are
@@ -171,6 +185,51 @@ contains
       pairs%vector(:, k) = x/size_of
     end do
   end subroutine ritz
+
+  !> Coefficients of what is nearest to vectors in the space.
+  function coefficients(self, x) result(c)
+    class(direction_space), intent(in) :: self
+    real(wp), intent(in) :: x(:, :)           !! (n, vectors) [-]
+    real(wp), allocatable :: c(:, :)
+    c = by_products(self, matmul(transpose(self%v(:, :self%count)), x))
+  end function coefficients
+
+  !> The same where the products with the directions are known.
+  function by_products(self, products) result(c)
+    class(direction_space), intent(in) :: self
+    real(wp), intent(in) :: products(:, :)    !! (space, vectors) [-]
+    real(wp), allocatable :: c(:, :), g(:, :)
+    integer :: pivots(self%count), info
+    c = products
+    associate (v => self%v(:, :self%count))
+      g = matmul(transpose(v), v)
+    end associate
+    call dgesv(self%count, size(c, 2), g, self%count, pivots, c, self%count, info)
+  end function by_products
+
+  !> What a vector has of a Ritz vector: the product with its left vector.
+  complex(wp) function along(self, pairs, k, x)
+    class(direction_space), intent(in) :: self
+    type(ritz_pairs), intent(in) :: pairs
+    integer, intent(in) :: k                  !! number of the pair
+    complex(wp), intent(in) :: x(:)           !! (n) [-]
+    real(wp), allocatable :: c(:, :)
+    c = coefficients(self, reshape([x%re, x%im], [size(x), 2]))
+    along = dot_product(pairs%left(:, k), cmplx(c(:, 1), c(:, 2), wp))
+  end function along
+
+  !> By how much a Ritz value changes, about, when each component of each image does so at random.
+  real(wp) function spread_of(self, pairs, k, by) result(change)   ! [-]
+    class(direction_space), intent(in) :: self
+    type(ritz_pairs), intent(in) :: pairs
+    integer, intent(in) :: k                  !! number of the pair
+    real(wp), intent(in) :: by(:)             !! (n) changes of the components [-]
+    real(wp), allocatable :: c(:, :)
+    complex(wp) :: weights(size(by))          ! of the components in the product with the left vector [-]
+    c = by_products(self, reshape([pairs%left(:, k)%re, pairs%left(:, k)%im], [self%count, 2]))
+    weights = matmul(self%v(:, :self%count), cmplx(c(:, 1), c(:, 2), wp))
+    change = sqrt(sum(abs(weights*by)**2)*sum(abs(pairs%right(:, k))**2))
+  end function spread_of
 
   !> A vector of dgeev: of a pair, real and imaginary part stand in two columns.
   pure function complex_vector(x, im, k) result(z)

@@ -8,6 +8,7 @@ module repeating_histories
   use errors, only: fault_list
   use history, only: breakpoint, history_model
   use scene_model, only: scene
+  use sorting, only: ascending
   use step_counts, only: rounding_of
   use text, only: es_text, to_text
   implicit none (type, external)
@@ -15,6 +16,7 @@ module repeating_histories
   public :: check_repeating
 
   integer, parameter :: points = 64                !! in a period, at which values are compared
+  real(wp), parameter :: golden = (sqrt(5.0_wp) - 1)/2   !! its multiples are even, but no sine is the same at them [-]
 
 contains
 
@@ -69,7 +71,7 @@ contains
     type(fault_list), intent(inout) :: faults
     class(history_model), allocatable :: h
     type(breakpoint), allocatable :: breaks(:)
-    real(wp), allocatable :: times(:)              ! [s]
+    real(wp), allocatable :: times(:), marks(:)    ! [s]
     real(wp), dimension(-1:2) :: now, later, first, after   ! [unit s, unit, unit/s, unit/s2]
     real(wp) :: largest, allowed                   ! [unit]
     character(:), allocatable :: own               ! its period
@@ -80,7 +82,11 @@ contains
     if (d%histories(number)%frequency > 0.0_wp) own = '; it repeats in '//to_text(1/d%histories(number)%frequency)//' s'
     associate (period => d%periodic%period, sought => d%periodic%free_period)
       breaks = h%breakpoints(period)
-      times = [[(period*(k - 0.5_wp)/points, k=1, points)], breaks%time + rounding_of(period)]
+      marks = h%marks()                                ! also those after the first period
+      marks = marks(ascending(marks))
+      times = [[(period*modulo(k*golden, 1.0_wp), k=1, points)], breaks%time + rounding_of(period), marks + rounding_of(marks), &
+               [(marks(k) + [golden**2, golden]*(marks(k + 1) - marks(k)), k=1, size(marks) - 1)]]
+      times = pack(times, times > 0.0_wp)
       i = merge(1, 0, goes_on)
       call h%evaluate(0.0_wp, .false., first)
       call h%evaluate(period, .false., after)
@@ -92,7 +98,7 @@ contains
       do k = 1, size(times)
         call h%evaluate(times(k), .false., now)
         call h%evaluate(times(k) + period, .false., later)
-        allowed = half_digits*largest + 4*rounding_of(2*period)*maxval(abs([now(1:2), later(1:2)]))
+        allowed = half_digits*largest + 4*rounding_of(times(k) + 2*period)*maxval(abs([now(1:2), later(1:2)]))
         if (sought) then
           if (abs(now(i) - first(i)) <= allowed) cycle
           call at%blame(faults, 'history "'//trim(h%name)//'" depends on time, so that a cycle has its period: expected period '// &

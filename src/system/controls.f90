@@ -63,9 +63,10 @@ contains
   end subroutine switch_on_controls
 
   !> Starts the discrete states, which only events change from now on; takes the first sample.
-  subroutine start_controls(m, ev, q, v, z, given)
+  subroutine start_controls(m, ev, t, q, v, z, given)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(inout) :: ev
+    real(wp), intent(in) :: t                 !! that of a sample, where there are samples [s]
     real(wp), intent(in), contiguous :: q(:), v(:)   !! (nq) [m, rad] and per second
     real(wp), intent(inout) :: z(:)           !! (nz) [m, rad, any]
     logical, intent(in) :: given              !! the states are; else as when they are switched on
@@ -74,10 +75,10 @@ contains
     do k = 1, size(m%s%controllers)
       associate (c => m%s%controllers(k), x => ev%control(k))
         if (c%sample > 0.0_wp) then
-          call c%take_sample(ev%p, 0, z(c%first + 1:c%first + c%states))
-          x%state = 1
+          call c%take_sample(ev%p, nint(t/c%sample), z(c%first + 1:c%first + c%states))
+          x%state = nint(t/c%sample) + 1
         else
-          x%state = c%law_at(unset, c%inputs(ev%p, 0.0_wp, .false., z(c%first + 1:c%first + c%states)))
+          x%state = c%law_at(unset, c%inputs(ev%p, t, .false., z(c%first + 1:c%first + c%states)))
         end if
       end associate
     end do

@@ -134,3 +134,36 @@ def test_a_rod_of_the_pump_warms_itself(run_deck):
         assert np.abs(same[column] - history[column]).max() < 1e-6 * np.ptp(same[column])
     check = run_deck(deck, "--check").stdout
     assert re.search(r'body "rod": beam .*, warmed by its losses in the cycle, 7 K/W from 25 C', check)
+
+
+ROD = """&scene temperature=20 /
+&material name='soft' density=1000 young=1e9 prony_alpha=0.5 prony_tau=2e-3 arrhenius=60e3 reference_temperature=20 OWN/
+&section name='s' shape='rectangle' width=0.01 height=0.01 /
+&body name='b' kind='beam' length=0.3 elements=2 modes=1 reference='clamped' material='soft' section='s' OF_BODY/
+&joint name='w' type='weld' body_a='b' node_a=1 /
+&history name='h' kind='sine' amplitude=0.5 frequency=20 /
+&force name='f' body='b' node=-1 fy=1 history='h' /
+&periodic period=0.05 multipliers=0 /
+&transient method='radau' step=1e-3 output_step=1e-2 /
+"""
+STEEL = "&material name='stiff' density=1000 young=1e9 prony_alpha=0.5 prony_tau=2e-3 arrhenius=60e3 reference_temperature=20 /\n"
+
+
+@pytest.mark.parametrize(("own", "body", "expected"), [("", "", 20), ("60", "", 60), ("", "40", 40), ("60", "40", 40)])
+def test_ambient_temperature_of_a_body(run_deck, own, body, expected):
+    """Its own, before that of its material, before that of the scene: with heat that flows off at once as without losses."""
+    deck = ROD.replace("OWN", f"temperature={own} " * bool(own))
+    stated = f"temperature={body} " * bool(body)
+    cold = run_deck(deck.replace("OF_BODY", stated)).figures["periodic"]["lost_in_a_period"]
+    run = run_deck(deck.replace("OF_BODY", stated + "thermal_resistance=1e-9 "))
+    ((temperature, _),) = heated(run)
+    assert temperature == pytest.approx(expected, abs=1e-6)
+    assert run.figures["periodic"]["lost_in_a_period"] == pytest.approx(cold, rel=1e-6)
+
+
+def test_materials_that_differ(run_deck):
+    """Of a body that its losses warm they state one temperature, or the body does."""
+    deck = ROD.replace("OWN", "temperature=60 ").replace("material='soft'", "element_material='soft','stiff'") + STEEL
+    told = run_deck(deck.replace("OF_BODY", "thermal_resistance=1 "), expect=2).stderr
+    assert "its materials state 60 and 20 C, expected temperature of the body" in told
+    run_deck(deck.replace("OF_BODY", "thermal_resistance=1 temperature=60 "), "--check")

@@ -53,22 +53,22 @@ contains
       cycle%turn%start = run%y
       cycle%error = [real(wp) ::]
       call cycle%find_cycle(run)
+      if (cycle%found) call cycle%shorten(run)
       call heat%begin(run)
       if (cycle%found .and. size(heat%part) > 0) call heat%settle(run, cycle)
-      if (cycle%found) call cycle%find_multipliers(run, p%multipliers)
+      if (cycle%found .and. run%d%transient%check_error .and. .not. accuracy > 0.0_wp) call finer()
       now = huge(1.0_wp)
-      do while (cycle%found .and. (accuracy > 0.0_wp .or. run%d%transient%check_error))
-        cycle%coarse = cycle%turn
-        cycle%map%steps = 2*cycle%map%steps
-        call cycle%find_cycle(run)
-        cycle%start_error = maxval(abs(cycle%map%scaled(cycle%turn%start) - cycle%map%scaled(cycle%coarse%start)))
-        if (cycle%found) call cycle%find_multipliers(run, p%multipliers)
+      do while (cycle%found)
+        call cycle%find_multipliers(run, p%multipliers)
+        if (.not. cycle%found) exit
+        if (p%multipliers > 0 .or. accuracy > 0.0_wp .or. run%d%transient%check_error) call cycle%find_errors(run)
         before = now
         now = maxval([cycle%start_error, cycle%error])
         if (now < accuracy .or. now > 0.5_wp*before .or. .not. accuracy > 0.0_wp) exit   ! what does not fall is rounding
+        call finer()
       end do
     end associate
-    if (cycle%found) call cycle%turn_again(run)
+    if (cycle%found .and. .not. cycle%fail%happened()) call cycle%turn_again(run)
     call cycle%line%finish()
     fail = cycle%fail
     if (fail%happened()) return
@@ -87,6 +87,12 @@ contains
     run%y = cycle%turn%start
     call write_orbit(run, cycle%turn%period, fail)
     call cycle_lines(run, cycle, heat, text, fail)
+  contains
+    !> The cycle of twice as many steps.
+    subroutine finer()
+      cycle%map%steps = 2*cycle%map%steps
+      call cycle%find_cycle(run, go_on=.true.)
+    end subroutine finer
   end subroutine run_periodic
 
   !> The line by which a file is known to belong to a scene.

@@ -1,7 +1,7 @@
 !> What a periodic analysis says: its part of the summary, floquet.txt, why there is no cycle.
 module periodic_words
   use kinds, only: wp, pi
-  use cycle_search, only: cycle_state
+  use cycle_search, only: cycle_state, safety
   use errors, only: failure
   use loss_words, only: loss_lines
   use readable_text, only: json_text
@@ -51,9 +51,11 @@ contains
         words = 'stop "'//element_name(run%sys%m, turn%remembers)//'" is touched at t = 0, and its force depends on the speed '// &
                 'at touching, before that; expected histories of another phase, so that all such stops are open at t = 0'
       else if (cycle%again > sqrt(cycle%tolerance)) then
-        words = 'the rates repeat, but the motion does not: a second turn, which begins where the first one ends, differs by '// &
-                short_text(cycle%again, 2)//' of the ranges; expected moves_on without bodies whose place matters, or '// &
-                'angle_repeats for those whose angle does'
+        words = 'a turn repeats, but not the one after it: a second turn, which begins when and where the first one ends, '// &
+                'differs by '//short_text(cycle%again, 2)//' of the ranges, in its motion or in the work of what acts; '
+        if (map%moves_on) words = words//'the rates repeat, but the motion does not: expected moves_on without bodies whose '// &
+          'place matters, or angle_repeats for those whose angle does'
+        if (.not. map%moves_on) words = words//'whole turns of a body wind up what acts on its angle, as a torsional spring'
       end if
     end associate
   end function no_cycle
@@ -74,64 +76,120 @@ contains
                      cycle%turns_to_cycle, cycle%map%steps, cycle%turns, turn%end(2*s%nq + s%nz + s%nzd + 1)])
       call loss_lines(run, turn%end, .true., text)
       call heat%lines(run, text)
-      if (cycle%start_error >= 0.0_wp) then
-        call text%line('  error of the start: {error 1} of the ranges, by half the steps; of each column there:', &
-                       [cycle%start_error])
-        call text%table('errors_of_columns', run%list%column%label(), &
-                        abs(cycle%map%columns_after(run, turn) - cycle%map%columns_after(run, cycle%coarse)), 2)
-      end if
     end associate
     list = pack([(k, k=1, cycle%wanted)], [(k /= cycle%time, k=1, cycle%wanted)])   ! not the pair of time
-    if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, [list, 0], text)
+    call error_lines(run, cycle, list, text)
+    if (run%d%periodic%multipliers > 0) call stability_lines(run, cycle, list, text)
     call multiplier_lines(run, cycle, list, text, fail)
     call text%close()
   end subroutine cycle_lines
 
-  !> Whether the cycle is stable, what of a disturbance lives longest, and where a cycle that is not stable leads.
+  !> Errors of start, period and multipliers, and whether each is what was asked for.
+  subroutine error_lines(run, cycle, list, text)
+    type(run_state), intent(inout) :: run
+    type(cycle_state), intent(in) :: cycle
+    integer, intent(in) :: list(:)             !! pairs that are told
+    type(summary_record), intent(inout) :: text
+    real(wp) :: asked, of_multipliers          ! [-]
+    character(:), allocatable :: missed
+    associate (t => run%d%transient, p => run%d%periodic)
+      if (.not. (p%multipliers > 0 .or. t%accuracy > 0.0_wp .or. t%check_error)) return
+      asked = t%accuracy
+      if (.not. asked > 0.0_wp .and. p%own_tolerance) asked = p%tolerance
+      if (cycle%share > 0.0_wp) then
+        call text%line('  errors, by '//to_text(cycle%other%steps)//' steps beside these: of the start {error 1} of the '// &
+                       'ranges', [cycle%start_error])
+        if (p%free_period) call text%line('  error of the period: {period_error 1} s', [cycle%period_error])
+      else
+        call text%line('  errors are not known: with other numbers of steps no cycle was found')
+        call text%member('error', 'null')
+      end if
+      if (cycle%share > 0.0_wp .and. (t%accuracy > 0.0_wp .or. t%check_error)) then
+        call text%line('  of each column there:')
+        call text%table('errors_of_columns', run%list%column%label(), &
+                        cycle%share*abs(cycle%map%columns_after(run, cycle%turn) - cycle%map%columns_after(run, cycle%other)), 2)
+      end if
+      if (.not. asked > 0.0_wp) return
+      missed = ''
+      of_multipliers = maxval([0.0_wp, cycle%error(list)])
+      call text%line('  asked of the cycle: {asked 1}', [asked])
+      call verdict('start', cycle%start_error)
+      if (p%multipliers > 0) call verdict('multipliers', of_multipliers)
+      if (len(missed) > 0) call text%warn('the cycle: '//missed//' not known to the '//short_text(asked, 1)//' asked, or not '// &
+                                          'for sure; smaller steps or a smaller tolerance of &periodic give that')
+    end associate
+  contains
+    !> Whether an error is small enough. It is told with a safety: within that of the limit nobody knows.
+    subroutine verdict(what, error)
+      character(*), intent(in) :: what
+      real(wp), intent(in) :: error            !! huge: not known [-]
+      logical :: known, kept
+      kept = error <= asked
+      known = kept .or. error > safety**2*asked .and. error < huge(1.0_wp)
+      call text%member(what//'_kept', either(either('true', 'false', kept), 'null', known))
+      call text%line('  '//what//': '//either(either('kept', 'not kept', kept), 'not known whether kept', known))
+      if (.not. kept) missed = missed//either('', ' and ', len(missed) == 0)//what
+    end subroutine verdict
+  end subroutine error_lines
+
+  !> Whether the cycle is stable, what of a disturbance lives longest, and where a cycle that is not stable leads. Each multiplier
+  !> counts with its error: one above 1 is enough for unstable, all below 1 are needed for stable.
   subroutine stability_lines(run, cycle, list, text)
     type(run_state), intent(inout) :: run
     type(cycle_state), intent(in) :: cycle
-    integer, intent(in) :: list(:)             !! pairs that are told, then 0
+    integer, intent(in) :: list(:)             !! pairs that are told
     type(summary_record), intent(inout) :: text
-    complex(wp) :: mu
-    real(wp) :: so_near                        ! to 1 is 1: what comes back so slowly is a cycle to the tolerance anywhere [-]
-    real(wp) :: near, modulus                  ! [-]
-    character(:), allocatable :: what, way
-    so_near = sqrt(cycle%tolerance)
-    if (cycle%grazes) call text%warn('events of "'//element_name(run%sys%m, cycle%changed%element)//'" at t = '// &
-      short_text(cycle%changed%t, 4)//' s change on both sides of the cycle, as where a stop is just touched: it has no '// &
-      'multipliers, and those told mean little')
-    mu = 0.0_wp
-    near = so_near
-    what = 'any disturbance'
-    if (list(1) > 0) then
-      mu = cycle%pairs%value(list(1))
-      near = max(so_near, cycle%error(list(1)))
-      what = 'a disturbance of '//name_of(run, cycle, abs(cycle%pairs%vector(:, list(1))))
-    end if
-    modulus = abs(mu)
-    call text%member('stable', either('true', 'false', modulus <= 1 + near))
-    call text%line('  largest multiplier: {largest_multiplier 8}', [modulus])
-    if (modulus < 1 - near) then
-      call text%say('  {stability=stable}: '//what)
-      if (modulus <= so_near) call text%line(' is gone after a turn')
-      if (modulus > so_near) call text%line(' falls to a hundredth in {turns_to_hundredth} turns', [log(0.01_wp)/log(modulus)])
+    real(wp) :: modulus(size(list))            ! [-]
+    logical :: grows, falls
+    integer :: k
+    character(:), allocatable :: what, way, unknown
+    modulus = abs(cycle%pairs%value(list))
+    associate (error => cycle%error(list))
+      grows = any(modulus - error > 1) .and. .not. cycle%grazes
+      falls = all(modulus + error < 1) .and. .not. cycle%grazes
+      k = findloc(merge(modulus - error > 1, modulus + error >= 1, grows), .true., 1)
+    end associate
+    if (falls) k = min(1, size(list))
+    call text%member('stable', either(either('true', 'false', falls), 'null', falls .or. grows))
+    call text%line('  largest multiplier: {largest_multiplier 8}', [maxval([0.0_wp, modulus])])
+    if (cycle%grazes) then
+      call text%line('  stability is {stability=not known}')
+      call text%warn('events of "'//element_name(run%sys%m, cycle%changed%element)//'" at t = '// &
+                     short_text(cycle%changed%t, 4)//' s change on both sides of the cycle, as where a stop is just touched: '// &
+                     'it has no multipliers, and those told mean little')
       return
     end if
-    way = 'beat'
-    if (abs(mu%im) <= near) way = trim(merge('jump', 'flip', mu%re > 0.0_wp))
-    if (modulus <= 1 + near) then
-      call text%line('  {stability=undamped}: '//what//' neither falls nor grows')
-      if (way == 'jump') call text%line('  nothing brings it back: the cycle is one of a family')
-    else
-      call text%line('  {stability=unstable}: '//what//' grows '//to_text(modulus)//' times a turn')
-      if (way == 'jump') call text%line('  it leads away to one side: to another cycle, or to none')
+    what = 'any disturbance'
+    if (k > 0) what = 'a disturbance of '//name_of(run, cycle, abs(cycle%pairs%vector(:, list(k))))
+    if (falls) then
+      call text%say('  {stability=stable}: '//what)
+      if (k == 0) call text%line(' is gone after a turn')
+      if (k > 0) call text%line(' falls to a hundredth in {turns_to_hundredth} turns', [log(0.01_wp)/log(modulus(max(1, k)))])
+      return
     end if
+    associate (mu => cycle%pairs%value(list(k)), error => cycle%error(list(k)))
+      way = 'beat'
+      if (abs(mu%im) <= error) way = trim(merge('jump', 'flip', mu%re > 0.0_wp))
+      if (grows) then
+        call text%line('  {stability=unstable}: '//what//' grows '//to_text(modulus(k))//' times a turn')
+        if (way == 'jump') call text%line('  it leads away to one side: to another cycle, or to none')
+      else
+        unknown = 'its multiplier is '//to_text(modulus(k))//', and its error '//short_text(error, 1)
+        if (.not. error < huge(1.0_wp)) unknown = 'the error of its multiplier, '//to_text(modulus(k))//', is not known'
+        call text%line('  stability is {stability=not known}: '//what//' neither falls nor grows as far as '// &
+                       either('errors tell', 'is known', error < huge(1.0_wp)))
+        if (way == 'jump') call text%line('  nothing that is seen brings it back: the cycle may be one of a family')
+        call text%warn('whether the cycle is stable is not known: of '//what//' '//unknown// &
+                       '; smaller steps tell, but where nothing damps it')
+      end if
+    end associate
     call text%member('way', json_text(way))
     if (way == 'flip') call text%line('  an orbit of two periods may exist: period='//to_text(2*cycle%turn%period)// &
                                       ' s, from a start off this one')
-    if (way == 'beat') call text%line('  it turns by '//to_text(anint(1.0e4_wp*abs(atan2(mu%im, mu%re))/(2*pi))/1.0e4_wp)// &
-                                      ' of a circle each period: the motion beats')
+    associate (mu => cycle%pairs%value(list(k)))
+      if (way == 'beat') call text%line('  it turns by '//to_text(anint(1.0e4_wp*abs(atan2(mu%im, mu%re))/(2*pi))/1.0e4_wp)// &
+                                        ' of a circle each period: the motion beats')
+    end associate
   end subroutine stability_lines
 
   !> Each multiplier in the summary, and as a row of floquet.txt.

@@ -19,7 +19,8 @@ module turn_log
     real(wp), allocatable :: start(:)         !! (ny) put onto the manifold [m, rad], [m/s, rad/s], [J]
     real(wp), allocatable :: end(:)           !! (ny) after the period [m, rad], [m/s, rad/s], [J]
     real(wp), allocatable :: slope(:)         !! (ny) its derivative there [the same per second]
-    real(wp), allocatable :: range(:)         !! (ny) of the first turn, else empty [m, rad], [m/s, rad/s], [J]
+    real(wp), allocatable :: range(:)         !! (ny) [m, rad], [m/s, rad/s], [J]
+    real(wp) :: kinetic = 0.0_wp              !! energy at its end [J]
     type(event_list) :: events
   contains
     procedure :: exchange => exchange_turn
@@ -44,7 +45,7 @@ contains
     integer(ip), allocatable :: words(:)
     words = [integer(ip) ::]
     if (a%saving) words = int(self%states, ip)
-    call a%exchange(self%period, self%lost, self%at, self%steps, self%remembers)
+    call a%exchange(self%period, self%lost, self%at, self%steps, self%remembers, self%kinetic)
     call a%exchange(words)
     self%states = int(words)
     call exchange_state(self%start)

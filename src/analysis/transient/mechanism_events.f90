@@ -64,7 +64,7 @@ contains
     self%ev%options = self%options
     associate (nq => self%m%s%nq, nz => self%m%s%nz)
       call start_states(self%m, self%ev, y(1:nq), y(nq + 1:2*nq))
-      call start_controls(self%m, self%ev, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), given)
+      call start_controls(self%m, self%ev, t, y(1:nq), y(nq + 1:2*nq), y(2*nq + 1:2*nq + nz), given)
     end associate
     self%roots = most_roots*(self%m%s%elements + size(self%m%s%controllers))
     allocate (self%tally(size(self%m%s%switching)))

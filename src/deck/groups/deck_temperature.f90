@@ -5,7 +5,7 @@ module deck_temperature
   use deck_numbers, only: decades
   use deck_origin, only: origin
   use deck_parts, only: law_record
-  use deck_records, only: deck_record => deck, material_record
+  use deck_records, only: body_record, deck_record => deck, material_record
   use errors, only: fault_list
   use text, only: to_text
   implicit none (type, external)
@@ -59,7 +59,9 @@ contains
     integer :: k
     if (faults%count > 0) return
     do k = 1, size(d%bodies)
-      if (d%bodies(k)%thermal_resistance > 0.0_wp) call set_ambient(d%bodies(k)%temperature, d%bodies(k)%at)
+      if (.not. d%bodies(k)%thermal_resistance > 0.0_wp) cycle
+      if (.not. d%bodies(k)%temperature < huge(1.0_wp)) d%bodies(k)%temperature = of_materials(d%bodies(k))
+      call set_ambient(d%bodies(k)%temperature, d%bodies(k)%at)
     end do
     call give_own_materials(d)
     do k = 1, size(d%materials)
@@ -70,7 +72,31 @@ contains
       call set_one(d%springs(k)%law, d%springs(k)%at)
     end do
   contains
-    !> The ambient temperature of a body or spring that its losses warm: its own, or that of the scene.
+    !> What the materials of a body say of its temperature; those that state none have that of the scene.
+    real(wp) function of_materials(body) result(temperature)   ! huge: nothing [C]
+      type(body_record), intent(in) :: body
+      real(wp) :: one                                  ! [C]
+      integer :: e, i, m
+      temperature = huge(1.0_wp)
+      do e = 1, body%elements
+        associate (list => [body%element_material(e), body%own_materials + d%sections(body%element_section(e))%layers])
+          do i = 1, size(list)
+            m = list(i)
+            one = d%materials(m)%law%temperature
+            if (.not. one < huge(1.0_wp) .and. has_shift(d%materials(m)%law)) one = d%scene%temperature
+            if (.not. one < huge(1.0_wp)) cycle
+            if (.not. temperature < huge(1.0_wp)) temperature = one
+            if (abs(one - temperature) > 0.0_wp) then
+              call body%at%blame(faults, 'thermal_resistance gives the body one temperature, but its materials state '// &
+                                 to_text(temperature)//' and '//to_text(one)//' C, expected temperature of the body')
+              return
+            end if
+          end do
+        end associate
+      end do
+    end function of_materials
+
+    !> The ambient temperature of a body or spring that its losses warm: what is stated for it, or that of the scene.
     subroutine set_ambient(temperature, at)
       real(wp), intent(inout) :: temperature           !! huge: not given [C]
       type(origin), intent(in) :: at                   !! its group

@@ -25,6 +25,7 @@ module history
   contains
     procedure(values_at_time), deferred :: evaluate
     procedure :: breakpoints => repeated_breaks
+    procedure :: marks
     procedure :: lowest_order
     procedure :: keep_corners
     procedure :: next_corner
@@ -68,6 +69,14 @@ contains
     list = [((breakpoint(self%breaks(i)%time + k*self%period, self%breaks(i)%order), i=1, size(self%breaks)), k=first, last)]
     list = pack(list, list%time > rounding_of(self%period) .and. list%time < until)   ! one at 0 acts from the start
   end function repeated_breaks
+
+  !> Times at which it is not smooth, each once: of what repeats those of one period.
+  pure recursive function marks(self) result(times)
+    class(history_model), intent(in) :: self
+    real(wp), allocatable :: times(:)   !! [s]
+    allocate (times(0))
+    if (allocated(self%breaks)) times = self%breaks%time
+  end function marks
 
   !> The lowest derivative that jumps anywhere.
   pure recursive integer function lowest_order(self) result(order)

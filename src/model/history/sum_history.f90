@@ -10,6 +10,7 @@ module sum_history
     type(history_box), allocatable :: parts(:)
   contains
     procedure :: breakpoints => all_breakpoints
+    procedure :: marks => marks_of_parts
     procedure :: lowest_order => order_of_parts
     procedure :: keep_corners => keep_all_corners
     procedure :: next_corner => nearest_corner
@@ -73,6 +74,17 @@ contains
       list = merged(list, self%parts(k)%item%breakpoints(until))
     end do
   end function all_breakpoints
+
+  !> Those of all parts.
+  pure recursive function marks_of_parts(self) result(times)
+    class(compound_model), intent(in) :: self
+    real(wp), allocatable :: times(:)        !! [s]
+    integer :: k
+    allocate (times(0))
+    do k = 1, size(self%parts)
+      times = [times, self%parts(k)%item%marks()]
+    end do
+  end function marks_of_parts
 
   !> The same; where two of them cancel, what is left of them.
   pure recursive function sum_breakpoints(self, until) result(list)
