@@ -48,6 +48,7 @@ module cycle_search
     logical :: grazes = .false.                      !! events change on both sides of the cycle
   contains
     procedure :: find_cycle
+    procedure :: go_on
     procedure :: shorten
     procedure :: rests
     procedure :: turn_again
@@ -229,7 +230,7 @@ contains
     class(cycle_state), intent(inout) :: self
     type(run_state), intent(inout) :: run
     type(turn_result), intent(inout) :: now          !! that turn, and the next one, where it repeats better
-    integer, intent(inout) :: failed                 !! steps in a row that did not lead there; as many as may where the turn was lost
+    integer, intent(inout) :: failed                 !! steps in a row that did not lead there; all where a turn was lost
     type(turn_result) :: next
     type(switch_event) :: event                      ! that only one of both has
     real(wp), dimension(size(self%map%compared)) :: r, move, v   ! [-]
@@ -382,9 +383,20 @@ contains
     real(wp), allocatable :: scale(:)                ! [m, rad], [m/s, rad/s]
     scale = self%map%scale
     self%known = self%space
-    call self%find_cycle(run, go_on=.true.)
+    call self%go_on(run)
     self%map%scale = scale
   end subroutine search_beside
+
+  !> Searches on, with as many turns again.
+  subroutine go_on(self, run)
+    class(cycle_state), intent(inout) :: self
+    type(run_state), intent(inout) :: run
+    integer :: most
+    most = self%most_turns
+    self%most_turns = self%turns + most
+    call self%find_cycle(run, go_on=.true.)
+    self%most_turns = most
+  end subroutine go_on
 
   !> Errors of start, period and multipliers, by another number of steps and other quotients along the vectors of the multipliers.
   !> The move of a quotient is changed so that its error, of order 2, grows by the same factor as that of the steps. What rounding
@@ -433,7 +445,8 @@ contains
     self%map%steps = steps
     if (.not. self%free_period) return
     associate (p => self%pairs, n => self%wanted, along => cmplx(self%map%scaled(found%slope), 0.0_wp, wp))
-      self%time = maxloc([(abs(dot_product(p%vector(:, k), along)), k=1, n)], 1, abs(p%value(:n) - 1) <= self%error)
+      self%time = maxloc([(abs(dot_product(p%vector(:, k), along)), k=1, n)], 1, abs(p%value(:n) - 1) <= self%error .and. &
+                         self%share > 0.0_wp)
     end associate
   contains
     !> The wanted multipliers to first order, by quotients along their vectors.

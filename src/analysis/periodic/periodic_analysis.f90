@@ -91,7 +91,7 @@ contains
     !> The cycle of twice as many steps.
     subroutine finer()
       cycle%map%steps = 2*cycle%map%steps
-      call cycle%find_cycle(run, go_on=.true.)
+      call cycle%go_on(run)
     end subroutine finer
   end subroutine run_periodic
 
