@@ -343,7 +343,7 @@ contains
       if (complete) exit
       call self%space%ritz(self%pairs)
       self%wanted = min(self%space%count, number + merge(1, 0, self%free_period))
-      if (is_known(self%wanted + merge(1, 0, allocated(known)))) then   ! with the next one after a start anew: it has not hidden one
+      if (is_known(self%wanted + merge(1, 0, allocated(known)))) then   ! with the next one after a start anew
         associate (now => self%pairs%value(:self%wanted))
           anew = .not. allocated(known)
           if (.not. anew) anew = maxval(abs(now - known)) > sqrt(self%map%noise)
