@@ -104,7 +104,7 @@ contains
         bend = max(bend, norm2((x(k + 1, :) - x(k, :))/steps(k) - (x(k, :) - x(k - 1, :))/steps(k - 1)) &
                    /(0.5_wp*(steps(k - 1) + steps(k))))
       end do
-      digit = maxval([(last_digit(x(:, k)), k=1, size(x, 2))])
+      digit = minval([(last_digit(x(:, k)), k=1, size(x, 2))])   ! who rounds points rounds both alike: the coarser one is exact
       share = 0.5_wp*digit*4/(sum(steps)/size(steps))**2/max(bend, tiny(1.0_wp))
       if (share > tolerable .and. bend > 0.0_wp) call text%warn(what//' '//quoted(trim(name))//' are written to '// &
         to_text(digit)//', which may make the curvature err by '//to_text(anint(100*share))//' % of its largest value; forces '// &

@@ -157,12 +157,17 @@ contains
     type(profile_record), intent(in) :: r
     class(history_model), intent(in) :: law
     type(fault_list), intent(inout) :: faults
-    real(wp) :: first(-1:2), last(-1:2), middle(-1:2), size_of
+    integer, parameter :: samples = 64                ! of a turn, which show how large the law is
+    real(wp) :: first(-1:2), last(-1:2), inner(-1:2), size_of
     real(wp) :: turns                                 ! of the cam in a period of the law [-]
+    integer :: k
     call law%evaluate(0.0_wp, .false., first)
     call law%evaluate(2*pi, .true., last)
-    call law%evaluate(pi, .false., middle)
-    size_of = maxval(abs([first(0:1), middle(0:1), last(0:1)]))
+    size_of = maxval(abs([first(0:1), last(0:1)]))
+    do k = 1, samples - 1
+      call law%evaluate(k*(2*pi/samples), .false., inner)
+      size_of = max(size_of, maxval(abs(inner(0:1))))
+    end do
     if (law%lowest_order() < 2) call r%at%blame(faults, 'history='//quoted(trim(law%name))//' jumps or has a corner, which no '// &
       'profile has, expected a law with continuous value and slope (kind=''ramp'', ''cycloid'' or a spline)')
     turns = 2*pi/max(law%period, tiny(1.0_wp)**0.5_wp)

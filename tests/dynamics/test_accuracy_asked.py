@@ -298,3 +298,26 @@ def test_a_ripple_on_a_constant_speed_is_no_noise(asked, run_deck):
     run = run_deck(RIPPLE + f"accuracy={asked} /\n")
     speed = 100 + 1e-3 * (1 - np.cos(90 * run.history.time))
     assert run.figures["accuracy"]["kept"] == (np.abs(run.history["speed"] - speed).max() < float(asked) * 2e-3)
+
+
+@pytest.mark.parametrize("end", [2e-6, 2e-4])
+def test_columns_of_very_short_runs_are_judged_as_any(end, run_deck):
+    """A motion over the scene's size within the run is no scale there: it would make all that moves in microseconds a constant."""
+    deck = f"""&body name='m' mass=1 inertia=1 /
+&joint name='p' type='prismatic' body_a='m' /
+&body name='b' mass=1 inertia=1 com=0.5,0 /
+&joint name='q' type='revolute' body_a='b' /
+&sensor name='x' quantity='position' body='m' /
+&sensor name='v' quantity='velocity' body='m' /
+&history name='h' kind='sine' amplitude=1 frequency={2 / end} /
+&force name='f' body='m' fx=40 fy=30 history='h' /
+&transient t_end={end} output_step={end / 200} accuracy=1e-3 /
+"""
+    run = run_deck(deck)
+    t = run.history["t"]
+    omega = 4 * np.pi / end
+    v = 40 / omega * (1 - np.cos(omega * t))
+    x = 40 / omega * (t - np.sin(omega * t) / omega)
+    assert np.abs(run.history["v.x"] - v).max() < 1e-3 * v.max()
+    assert np.abs(run.history["x.x"] - x).max() < 1e-3 * x.max()
+    assert set(run.transient["still_columns"]) == {"x.y[m]", "v.y[m/s]"}

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from biela.histories import read
 from biela.mechanism import from_run
+from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
 
 W = 40.0
@@ -292,3 +293,43 @@ def test_what_a_check_tells_of_pairs(run_deck):
     share = 0.5e-6 * 4 / (2 * np.pi / 360) ** 2 / np.abs(s[2]).max()
     found = re.findall(r"curvature err by (\d+) %", run_deck(deck, "--check").stderr)
     assert [float(x) / 100 for x in found] == pytest.approx([share, 0.5e-3 * 4 / 0.006], rel=0.1)
+
+
+POINT = """&profile name='p' kind='points' x={x} y={y} closed=.{closed}. /
+&body name='b' mass=1 inertia=1 position={at} /
+&stop name='s' type='profile' body_a='b' profile='p' stiffness=1e4 exponent=1 /
+&sensor name='c' quantity='contact' stop='s' /
+&transient t_end=1e-6 method='rk4' step=1e-6 output_step=1e-6 /
+"""
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "at"),
+    [
+        ([-1.5, 0.2, 1.5], [2.25, 0.1, 2.0], (-0.0429, 2.0968)),
+        ([0, 1, 2, 3, 4], [0, 2, 0, 2, 0], (0.3, 9.0)),
+        ([0, 1, 2, 3, 4], [0, 2, 0, 2, 0], (2.05, 3.1)),
+        ([1, 0.3, -1, -0.2, 0.1], [0.1, 1.3, 0.4, -0.2, -1.2], (-1.5, 2.5)),
+    ],
+)
+def test_the_gap_of_an_edge_is_to_the_nearest_of_all_places(x, y, at, run_deck):
+    """Within one arc of the curve several places may be nearest; all places of the same spline tell which is."""
+    closed = len(set(np.diff(x))) > 1 and len(x) > 4
+    points = np.array([x, y], float).T
+    if closed:
+        points = np.vstack([points, points[:1]])
+    chords = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    curve = CubicSpline(chords, points, bc_type="periodic" if closed else "not-a-knot")
+    nearest = np.hypot(*(curve(np.linspace(0, chords[-1], 200001)) - at).T).min()
+    words = {"x": ",".join(map(str, x)), "y": ",".join(map(str, y)), "at": f"{at[0]},{at[1]}", "closed": str(closed).lower()}
+    run = run_deck(POINT.format(**words))
+    assert run.history["c.gap"][0] == pytest.approx(nearest, abs=1e-9)
+
+
+def test_digits_of_an_exact_coordinate_do_not_count(run_deck):
+    """Who rounds points rounds both coordinates alike: whole millimetres beside ten digits are exact; rounded ones are warned of."""
+    x = range(11)
+    for digits, warned in ((10, False), (2, True)):
+        y = ",".join(f"{np.cosh(k / 5):.{digits}f}" for k in x)
+        deck = POINT.format(x=",".join(map(str, x)), y=y, at="0,9", closed="false")
+        assert ("digits" in run_deck(deck, "--check").stderr) == warned

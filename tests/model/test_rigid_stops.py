@@ -525,3 +525,33 @@ def test_what_rests_on_a_stop_stays_there_when_its_other_end_hits(run_deck):
     assert [(words[1], words[2]) for words in events_of(run)] == [("right", "open")]
     assert np.abs(run.history["left.y"]).max() < 1e-12
     assert run.history["right.y"].max() > 0.4 * events_of(run)[0][4]
+
+
+START = """&body name='b' mass=2 inertia=1 velocity={v},0 /
+&joint name='g' type='prismatic' body_a='b' /
+&sensor name='x' quantity='position' body='b' /
+&sensor name='v' quantity='velocity' body='b' /
+&stop name='s' type='position' body_a='b' {limits} restitution=0.5 /
+&transient t_end=1 output_step=0.1 {steps} /
+"""
+
+
+@pytest.mark.parametrize("steps", ["method='dopri5' tolerance=1e-9", "method='radau' step=0.02", "method='generalized_alpha' step=0.02"])
+@pytest.mark.parametrize(("v", "limits"), [(1.0, "upper=0"), (-1.0, "lower=0"), (1.0, "lower=-0.2 upper=0")])
+def test_an_impact_at_the_start(v, limits, steps, run_deck):
+    """A body at its stop that moves into it parts with half the speed; what is lost stands in the balance of the first row."""
+    run = run_deck(START.format(v=v, limits=limits, steps=steps))
+    assert events_of(run)[0] == (0.0, "s", "open", "upper_rebound" if v > 0 else "lower_rebound", 1.0)
+    assert run.history["v.x"][:3] == pytest.approx(-0.5 * v)
+    assert run.energy["dissipated"][0] == pytest.approx(0.75)
+    assert abs(run.energy["residual"]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_rigid_stop_is_met_by_the_mass_of_a_body_without_joints(run_deck):
+    """Rows of stops that are open hold nothing: with a guide, which has rows as well, the mass is the same."""
+    deck = "&body name='b' mass=2 inertia=1 position=0,1 /\n"
+    deck += "&stop name='s' type='position' body_a='b' direction={pi/2} lower=0 restitution=0.5 /\n"
+    guide = "&joint name='g' type='prismatic' body_a='b' direction={pi/2} point_b=0,1 /\n"
+    for more in ("", guide):
+        run = run_deck(deck + more + "&transient t_end=1 method='dopri5' tolerance=1e-8 /\n", "--check")
+        assert "rigid, met by 2 kg" in run.stdout

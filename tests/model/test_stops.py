@@ -282,3 +282,36 @@ def test_a_second_run_tells_how_well_events_are_known_and_up_to_when(run_deck):
     assert coarse.transient["estimated_errors"]["slider.x[m]"] == pytest.approx(4 / 3 * off.max(), rel=1e-9)
     assert "rows beyond are not predictable" in coarse.stderr
     assert "event sequences of both runs differ" in coarse.figures["warnings"][0]
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize(("exponent", "e"), [(1.0, 0.5), (1.5, 0.1), (2.0, 1.0)])
+def test_a_start_beyond_a_limit_rebounds_as_from_the_touching_that_leads_there(exponent, e, way, run_deck):
+    """From rest at a depth a free mass parts with e v0, where a touching with v0 comes to rest at that depth."""
+    hardness, depth, mass = 1.0e5, 0.01, 2.0
+    y = brentq(lambda y: np.log((1 + y) / (1 - e * y)) - y * (1 + e), 1e-3, 1 / e - 1e-12) if e < 1 else 0.0
+    share = (y - np.log(1 + y)) / y**2 if y > 0 else 0.5
+    v0 = np.sqrt(hardness * depth ** (exponent + 1) / ((exponent + 1) * mass * share))
+    deck = f"""&body name='b' mass={mass} inertia=1 position={way * depth},0 velocity=0,0 /
+&joint name='g' type='prismatic' body_a='b' /
+&sensor name='v' quantity='velocity' body='b' /
+&stop name='s' type='position' body_a='b' {"upper" if way > 0 else "lower"}=0 stiffness={hardness} exponent={exponent} restitution={e} /
+&transient t_end=0.5 output_step=0.1 method='dopri5' tolerance=1e-9 /
+"""
+    run = run_deck(deck)
+    assert run.history["v.x"][-1] == pytest.approx(-way * e * v0, rel=1e-6)
+    assert run.transient["steps"] < 1000
+
+
+def test_a_contact_that_had_let_go_at_the_start_presses_again_at_the_speed_of_its_depth(run_deck):
+    """It leaves its limit, a spring turns it: with the least speed at touching it would crawl back in 1e5 steps and more."""
+    deck = """&body name='b' mass=0.015 inertia=1 position=0.005,0 velocity=-0.5,0 /
+&joint name='g' type='prismatic' body_a='b' /
+&spring name='k' body_a='b' point_b=1,0 stiffness=50000 free_length=0.95 /
+&sensor name='v' quantity='velocity' body='b' /
+&stop name='s' type='position' body_a='b' upper=0 stiffness=1e7 restitution=0.5 /
+&transient t_end=0.01 output_step=0.001 method='dopri5' tolerance=1e-8 /
+"""
+    run = run_deck(deck)
+    assert [row[2:4] for row in events_of(run)][0] == ("upper_free", "upper")
+    assert run.transient["steps"] < 3000

@@ -420,3 +420,36 @@ def test_rates_that_a_drive_asks_of_a_beam_go_to_its_section_alone(run_deck):
     assert read(run.folder, "static")["residual"].max() <= 1e-10
     assert rates[7] == pytest.approx(0.5, rel=1e-12)
     np.testing.assert_allclose(np.delete(rates, 7), 0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("profile", "at", "place"),
+    [
+        ("kind='points' closed=.false. x=-1,-0.8,-0.6,-0.4,-0.2,0,0.2,0.4,0.6,0.8,1 y=1,0.64,0.36,0.16,0.04,0,0.04,0.16,0.36,0.64,1", (0.01, 0.06), 0.05),
+        ("kind='circle' radius=0.5 hollow=.true.", (0.2, -0.3), -0.45),
+    ],
+)
+def test_weight_and_a_bend_hold_a_roller_in_a_hollow(profile, at, place, run_deck):
+    deck = f"""&scene gravity=0,-9.81 /
+&profile name='p' {profile} /
+&body name='b' mass=2 inertia=1 position={at[0]},{at[1]} /
+&spring name='t' type='torsional' body_a='b' stiffness=1 free_angle=0 /
+&stop name='s' type='profile' body_a='b' radius=0.05 profile='p' stiffness=1e6 exponent=1 /
+&sensor name='x' quantity='position' body='b' /
+&static /
+"""
+    rests = read(run_deck(deck).folder, "static")
+    assert [rests["x.x"][-1], rests["x.y"][-1]] == pytest.approx([0.0, place - 2 * 9.81 / 1e6], abs=1e-12)
+    away = run_deck(deck.replace("gravity=0,-9.81", "gravity=0,9.81" if "points" in profile else "gravity=0,0"), expect=None)
+    assert away.status != 0 and "b" in away.stderr
+
+
+def test_a_roller_that_leaves_a_hill_is_told(run_deck):
+    deck = """&scene gravity=0,-9.81 /
+&profile name='p' kind='circle' radius=0.5 /
+&body name='b' mass=2 inertia=1 position=0.01,0.56 /
+&spring name='t' type='torsional' body_a='b' stiffness=1 free_angle=0 /
+&stop name='s' type='profile' body_a='b' radius=0.05 profile='p' stiffness=1e6 exponent=1 /
+&static /
+"""
+    assert 'no stop holds "b"' in run_deck(deck, expect=1).stderr

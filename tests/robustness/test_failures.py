@@ -207,3 +207,19 @@ def test_joints_that_drift_apart_end_the_run(run_deck):
     assert 'the joints have drifted apart by t = 5.000000E+00 s: "k" opens most, by ' in told
     assert 8e-3 < run.transient["position_violation_of_size"] < 1e-2
     assert run.history["t"][-1] == 4.0
+
+
+def test_a_singular_start_is_told_and_no_drive_is_spoken_of(run_deck):
+    """A parallelogram that lies flat, its crank's speed stated: the change point leaves open how it goes on; nothing drives it."""
+    deck = """&body name='c' mass=1 inertia=0.1 angle=0 angular_velocity=2 /
+&body name='l' mass=1 inertia=0.1 position=1,0 angle=0 /
+&body name='r' mass=1 inertia=0.1 position=2,0 angle=0 /
+&joint name='A' type='revolute' body_a='c' /
+&joint name='B' type='revolute' body_a='l' body_b='c' point_b=1,0 /
+&joint name='C' type='revolute' body_a='l' point_a=2,0 body_b='r' point_b=1,0 /
+&joint name='D' type='revolute' body_a='r' point_b=2,0 /
+&transient t_end=2 method='dopri5' tolerance=1e-9 output_step=0.1 /
+"""
+    told = run_deck(deck, expect=1).stderr
+    assert 'the start is a singular position of joints "A" "B" "C" "D"' in told
+    assert "drive" not in told

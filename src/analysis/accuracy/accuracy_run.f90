@@ -7,6 +7,7 @@ module accuracy_run
   use accuracy_ladder, only: finished, given_up, half, lost_pass, pass_record
   use accuracy_words, only: error_lines, ladder_lines
   use choose_stepper, only: method_order
+  use column_ranges, only: rounded_share
   use errors, only: failure, status_failed
   use mechanism_ode, only: mechanism_system
   use posix, only: standard_error, write_bytes
@@ -115,7 +116,7 @@ contains
         call transient_lines(run, march, fail%status, ladder%found)
       end if
       if (pass%outcome == finished .and. march%rows%filled) then
-        x = march%rows%difference(run)
+        x = march%rows%difference(run, rounded_share(march%norm, run%stable_steps(1), run%d%transient%t_end))
         if (ladder%estimates) then            ! Richardson; a tenth of the tolerance leaves a fifth of an error or less
           ratio = 1/(1 - half**merge(method_order(pass%method), 2, pass%fixed))
           x%error = ratio*x%error

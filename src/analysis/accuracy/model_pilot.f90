@@ -114,7 +114,7 @@ contains
       'pilots have cost 1e9 explicit evaluations times unknowns', 'most_seconds ended the pilots', march%cost(run) > march%budget))
     if (fail%happened()) return
     if (present(reference)) then
-      found%off = march%rows%difference(run)
+      found%off = march%rows%difference(run, 1.0_wp)
       found%off%error = self%factor*found%off%error
     end if
     call march%rows%turn(lost=.false.)

@@ -25,8 +25,6 @@ module march_failure
 
   character(*), parameter :: too_large = '; the step is too large for stability or for the motion there: try a smaller one '// &
                                          '(biela --check tells the stable ones), or dopri5 with a tolerance'
-  character(*), parameter :: beyond_reach = '; joints and drives may demand the impossible there, such as a drive beyond '// &
-                                            'the reach of the mechanism'
   integer, parameter :: trouble_masses = -1    !! a cause that no stepper reports: uneven masses
   real(wp), parameter :: nearly_locked = 0.9_wp   !! Painleve's ratio from which friction is named as the cause [-]
   integer, parameter :: most_named = 4
@@ -68,7 +66,7 @@ contains
       text = 'the run cannot go on after t = '//short_text(march%t, 6)//' s: '//text
     case (trouble_manifold)
       text = 'the joints cannot be kept closed after t = '//short_text(march%t, 6)//' s: '//widest_gap(run%sys%m, run%sys%ev)// &
-             ' at t = '//short_text(march%tried, 6)//' s'//beyond_reach//check_the_drive(run)
+             ' at t = '//short_text(march%tried, 6)//' s'//impossible(run)
     case (trouble_accuracy)
       text = 'the step became too small'//at//': the tolerance cannot be kept'//growing//largest_reactions(run)// &
              '; the motion may be singular there (a drive beyond the reach of the mechanism, a dead centre), rounding may set '// &
@@ -78,7 +76,7 @@ contains
     case (trouble_iteration)
       text = 'the equations of a step could not be solved at t = '//short_text(march%tried, 6)//' s'//growing
       if (run%sys%m%s%rows > 0) then
-        text = text//beyond_reach//check_the_drive(run)
+        text = text//impossible(run)
       else
         text = text//'; try a '//either('larger tolerance', 'smaller step', run%d%transient%adaptive)
       end if
@@ -267,11 +265,24 @@ contains
     text = ', the largest reactions are those of'//in_quotes(names(:min(most_named, count(100*force >= maxval(force)))))
   end function largest_reactions
 
-  !> What to try where joints do not close, for fixed and for adaptive steps.
-  function check_the_drive(run) result(text)
+  !> What joints may demand there, and what to try. Where the start is a singular position, a motion that its rates do not continue.
+  function impossible(run) result(text)
     type(run_state), intent(in) :: run
     character(:), allocatable :: text
-    text = either('; check the drive and the geometry', '; or the step is too large: check the drive, or try a smaller step', &
-                  run%d%transient%adaptive)
-  end function check_the_drive
+    logical :: singular, driven
+    integer :: k
+    associate (s => run%sys%m%s)
+      singular = run%assembly%rank < s%permanent_rows .and. .not. run%sys%m%redundant
+      driven = s%permanent > s%joints
+      if (singular) then
+        text = '; the start is a singular position of joints'//in_quotes(pack([(s%constraints(k)%item%name, k=1, s%joints)], &
+               run%assembly%dependent(:s%joints)))//' (a dead centre, a change point): stated rates need not be those of a '// &
+               'motion that goes on from there; begin a little aside, or state the rates of all bodies'
+        return
+      end if
+      text = either('; joints and drives may demand the impossible there, such as a drive beyond the reach of the mechanism; '// &
+                    'check the drive and the geometry', '; the position may be singular there: check the geometry', driven)
+      if (.not. run%d%transient%adaptive) text = text//', or the step is too large: try a smaller one'
+    end associate
+  end function impossible
 end module march_failure

@@ -2,6 +2,7 @@
 module transient_summary
   use kinds, only: wp
   use balance_words, only: balance_lines, closing_lines
+  use column_ranges, only: rounded_share
   use errors, only: status_failed
   use material_band, only: motion_outside_band
   use scene_run, only: run_state
@@ -65,10 +66,12 @@ contains
     type(transient_march), intent(in) :: march
     type(summary_record), intent(inout) :: text
     real(wp), dimension(run%list%columns) :: range, value   ! [of the column]
+    real(wp) :: share                          ! of a motion over the scene's size that counts [-]
     if (march%done == 0) return
     associate (columns => run%list%column)
-      range = march%seen%moved(run%sys%m%s, columns, run%d%transient%t_end)
-      value = march%seen%still(run%sys%m%s, columns, run%d%transient%t_end)
+      share = rounded_share(march%norm, run%stable_steps(1), run%d%transient%t_end)
+      range = march%seen%moved(run%sys%m%s, columns, run%d%transient%t_end, share)
+      value = march%seen%still(run%sys%m%s, columns, run%d%transient%t_end, share)
       if (all(range > 0.0_wp)) return
       call text%line('  constant columns (only rounding changes them), and their values:')
       call text%table('still_columns', pack(columns%label(), .not. range > 0.0_wp), pack(value, .not. range > 0.0_wp), 9)

@@ -30,6 +30,7 @@ module equilibrium
   integer, parameter :: most_newton = 60
   integer, parameter :: most_halvings = 10
   integer, parameter :: most_contact_steps = 400     !! of find_contacts
+  real(wp), parameter :: away = 1.0e6_wp            !! beyond that nothing will hold a body any more, of the scene's size [-]
   real(wp), parameter :: largest_turn = 0.3_wp       !! of a frame in one step [rad], and of its motion over the size [-]
   real(wp), parameter :: least_force = 1.0e-30_wp    !! forces below it are none [N]
 
@@ -97,10 +98,11 @@ contains
     type(equilibrium_report), intent(inout) :: report
     type(stiffness_system) :: ds
     complex(wp), allocatable :: r(:)
-    real(wp), allocatable :: start(:), dx(:), lambda(:)
+    real(wp), allocatable :: start(:), dx(:), lambda(:), origin(:)
     real(wp) :: rate, first                          ! 1/tau, of the first step [1/s]
     type(equilibrium_report) :: before
     integer :: k
+    origin = run%y(1:run%sys%m%s%nq)
     call equations(run, options, ds, r, report)
     rate = largest_acceleration(run)/(largest_turn*run%sys%m%s%size)
     rate = sqrt(merge(rate, 1.0_wp, rate > sqrt(tiny(1.0_wp))))      ! nothing pulls: any step serves
@@ -124,6 +126,7 @@ contains
       lambda(ds%active) = lambda(ds%active) + real(r(ds%n + 1:), wp)
       if (all(abs(dx) < huge(1.0_wp)) .and. largest_motion(run%sys%m, dx, 0.0_wp) <= largest_turn) then
         call move(run, dx)
+        if (maxval(abs(run%y(1:ds%n))) > away*run%sys%m%s%size + maxval(abs(origin))) return    ! nothing stops them
         call equations(run, options, ds, r, report, lambda)
         if (report%gap <= max(2*before%gap, largest_turn**2)) then
           rate = rate*min(0.5_wp, max(0.1_wp, report%force/before%force))

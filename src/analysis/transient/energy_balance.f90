@@ -83,9 +83,11 @@ contains
         x(8) = merge(sum(each(:stops)), x(9), stops > 0)
       end associate
       call kinetic_by_direction(m, ev, y(nq + 1:2*nq), self%along)
-      if (first) then
-        self%start = x(1:2)
-        self%kinds = column_range(x(1:4), x(1:4))
+      if (first) then                         ! impacts may have come before it
+        self%start = [x(1) + x(3) - x(4), x(2)]
+        self%kinds = column_range([x(1:2), 0.0_wp, 0.0_wp], [x(1:2), 0.0_wp, 0.0_wp])
+        call self%kinds%note([self%start, 0.0_wp, 0.0_wp])
+        call self%kinds%note(x(1:4))
         self%along_range = column_range(self%along, self%along)
         self%strain_range = column_range(self%strain, self%strain)
       end if

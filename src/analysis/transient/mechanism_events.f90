@@ -15,7 +15,7 @@ module mechanism_events
   use resting_rows, only: close_low, comes_to_rest, find_states, hold_resting, resting_set
   use root_watch, only: resting
   use slipping, only: painleve_ratio
-  use stops, only: stop_model, stop_rebound
+  use stops, only: slowest_touch, stop_contact, stop_let_go, stop_model, stop_open, stop_rebound, stop_touching
   use switch_tally, only: joint_tally, element_tally
   use switching, only: event_list, is_rigid_stop, pass_events, start_states, switch_event, watch_roots
   implicit none (type, external)
@@ -69,8 +69,10 @@ contains
     self%roots = most_roots*(self%m%s%elements + size(self%m%s%controllers))
     allocate (self%tally(size(self%m%s%switching)))
     allocate (self%friction(self%m%s%elements - size(self%tally)))
-    if (self%m%s%stops > 0) call begin_contacts(self, t, y, [(k, k=1, self%m%s%stops)], &
-                                                self%ev%switches%state(:self%m%s%stops) /= 0)
+    associate (touched => self%ev%switches%state(:self%m%s%stops) /= stop_open)
+      call rate_contacts(self, t, y, abs(self%ev%switches%state(:self%m%s%stops)) == stop_touching)
+      if (self%m%s%stops > 0) call begin_contacts(self, t, y, [(k, k=1, self%m%s%stops)], touched)
+    end associate
     do k = 1, size(self%friction)
       self%friction(k)%position = self%position_of(k)
     end do
@@ -245,6 +247,10 @@ contains
       y(k:) = y(k:) + x%integrated
       if (size(self%tally) > 0) call pass_events(self%m, self%ev, t, y(1:n), y(n + 1:2*n), &
                                                  fallen(:most_roots*size(self%tally)), self%events)
+      associate (x => self%events%items(first:self%events%count))
+        call rate_contacts(self, t, y, [(any(x%element == k .and. abs(x%from) == stop_let_go .and. abs(x%to) == stop_touching), &
+                                         k=1, self%m%s%stops)])
+      end associate
       ok = self%conflict == 0
       call self%choose_rows()
       if (self%events%count >= first) call begin_contacts(self, t, y, self%events%items(first:self%events%count)%element, &
@@ -405,6 +411,37 @@ contains
     end do
     call limit_steps(self)
   end subroutine begin_contacts
+
+  !> Contacts that no touching began: those at the start, and those that had let go there and press again. A restitution is one of the
+  !> speed at touching, here that from which the mass that they meet would have come so deep; the least one would make them as stiff as
+  !> no contact is.
+  subroutine rate_contacts(self, t, y, touched)
+    class(switching_mechanism), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s], [J]
+    logical, intent(in) :: touched(:)       !! (stops)
+    real(wp) :: dy(size(y)), mass           ! [the same per second]; [kg] or [kg m2]
+    type(stop_contact) :: c
+    integer :: i
+    if (.not. any(touched)) return
+    call self%rates(self%options, t, y, dy)
+    do i = 1, size(touched)
+      if (.not. touched(i) .or. is_rigid_stop(self%m, i)) cycle
+      associate (k => self%m%s%switching(i))
+        mass = mass_at(self%m, self%ev, k)
+        if (mass >= huge(1.0_wp)) cycle
+        select type (stop => self%m%s%forces(k)%item)
+        class is (stop_model)
+          if (.not. stop%rebound > 0.0_wp) cycle
+          call stop%contact(self%ev%p, conditions_of(self%m, self%ev, k), c)
+          associate (speed => self%ev%switches%event_value(i))
+            if (t > 0.0_wp .and. speed > stop%scaled(slowest_touch)) cycle      ! that of a touching
+            speed = max(speed, stop%speed_to(mass, c%depth, c%rate))
+          end associate
+        end select
+      end associate
+    end do
+  end subroutine rate_contacts
 
   !> The longest step that all contacts allow.
   subroutine limit_steps(self)

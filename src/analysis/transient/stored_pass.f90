@@ -87,9 +87,10 @@ contains
 
   !> What the pass under way, at its end, shows beside the one before. Rows between an event of one pass and that of the other are
   !> left out.
-  function difference(self, run) result(x)
+  function difference(self, run, share) result(x)
     class(pass_rows), intent(in) :: self
     type(run_state), intent(in) :: run
+    real(wp), intent(in) :: share             !! of a motion that counts as a scale (`rounded_share`) [-]
     type(pass_difference) :: x
     type(column_range) :: seen
     logical :: between(0:ubound(self%values, 2))
@@ -100,7 +101,7 @@ contains
       if (.not. between(k)) x%error = max(x%error, abs(self%values(:, k) - self%before(:, k)))
     end do
     seen = column_range(minval(self%values, 2), maxval(self%values, 2))
-    x%range = seen%moved(run%sys%m%s, compared_columns(run), run%d%transient%t_end)
+    x%range = seen%moved(run%sys%m%s, compared_columns(run), run%d%transient%t_end, share)
     call find_asked(run, max(abs(seen%low), abs(seen%high)), x)
     if (allocated(run%model_error)) where (x%asked < huge(1.0_wp)) x%error = x%error + run%model_error
   end function difference

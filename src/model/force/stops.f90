@@ -53,6 +53,7 @@ module stops
     procedure :: scaled
     procedure :: stiffness_at
     procedure :: impact_time
+    procedure :: speed_to
     procedure :: act => stop_act
     procedure :: tangent => stop_tangent
     procedure :: rate_components => stop_rate_components
@@ -191,6 +192,20 @@ contains
     time = time/max(1.0_wp, 0.25_wp*max(self%rebound, self%chi*speed))
   end function impact_time
 
+  !> The speed at touching from which a free mass comes to rest at a penetration; a rate that it still has there counts by its energy.
+  !> With s = d'/v0 the motion obeys m s ds/(1 + y s) = -K d^n dd/v0^2, and the integral of s/(1 + y s) from 0 to 1 is
+  !> (y - ln(1 + y))/y^2, 1/2 for y = 0.
+  pure real(wp) function speed_to(self, mass, depth, rate) result(speed)   ! [m/s] or [rad/s]
+    class(stop_model), intent(in) :: self
+    real(wp), intent(in) :: mass           !! that meets it [kg] or [kg m2]
+    real(wp), intent(in) :: depth          !! [m] or [rad]
+    real(wp), intent(in) :: rate           !! [m/s] or [rad/s]
+    real(wp) :: share
+    share = 0.5_wp
+    if (self%rebound > 0.01_wp) share = (self%rebound - log(1 + self%rebound))/self%rebound**2
+    speed = sqrt(rate**2 + self%hardness*max(depth, 0.0_wp)**(self%exponent + 1)/((self%exponent + 1)*mass*share))
+  end function speed_to
+
   !> The force against the penetration; what damping takes, or what a contact loses that lets go.
   pure subroutine stop_act(self, p, with, z, zd, zdd, x)
     class(stop_model), intent(in) :: self
@@ -216,14 +231,20 @@ contains
     real(wp), intent(in) :: force          !! present force; the contact says it itself [N] or [N m]
     type(marker_stiffness), intent(inout) :: k
     type(stop_contact) :: c
+    type(measured) :: now
     real(wp) :: stiffness, damping
+    integer :: side
     k%k = 0.0_wp
     k%c = 0.0_wp
     if (with%state == stop_open) return
     call self%contact(p, with, c)
     if (with%state == bilateral) then
-      k%k = self%stiffness_at(self%scaled(example_depth))*outer(c%g, c%g)
-      if (self%in_all_directions()) k%k = self%stiffness_at(self%scaled(example_depth))*together
+      stiffness = self%stiffness_at(self%scaled(example_depth))
+      call self%measure%measure(p, now)
+      side = merge(1, -1, now%x - self%upper >= self%lower - now%x)
+      ! pressed, it holds along a bend, too
+      call self%tangent_along(p, stiffness, 0.0_wp, side*stiffness*self%scaled(example_depth), k)
+      if (self%in_all_directions()) k%k = stiffness*together
       return
     end if
     if (abs(c%state) /= stop_touching) return

@@ -1,7 +1,7 @@
 !> Profiles by a curve c(u) that runs about its inside counter-clockwise. The profile lies `inset` within it: the curve of a law is
 !> that of its roller's centre (pitch curve), with the same normals. A nearest place is found from the point alone, without memory,
 !> so that trials of steps and restarts meet the same one: the curve is cut into arcs, each within a circle; only arcs whose circles
-!> come nearer than the best place are searched, by Newton's method within brackets (theory.md, section 17).
+!> come nearer than the best place are searched, by Newton's method within brackets in which there is but one (theory.md, section 17).
 module curve_profile
   use kinds, only: half_digits, pi, wp
   use marker, only: turn
@@ -15,6 +15,7 @@ module curve_profile
   real(wp), parameter :: weights(5) = [0.1184634425280945_wp, 0.2393143352496832_wp, 0.2844444444444444_wp, &
                                        0.2393143352496832_wp, 0.1184634425280945_wp]   !! [-]
   real(wp), parameter :: apart = epsilon(1.0_wp)**(1.0_wp/3)   !! places for a difference quotient, of the curve [-]
+  integer, parameter :: most_halvings = 12   !! of an arc in which several places may be nearest
   integer, parameter :: most_trials = 100    !! each second one at least halves the bracket
 
   !> A place of the curve.
@@ -44,6 +45,8 @@ module curve_profile
     type(curve_place), allocatable :: ends(:)      !! (0:arcs) of the arcs
     real(wp), allocatable :: middle(:, :)    !! (2, arcs) of circles about them [m]
     real(wp), allocatable :: radius(:)       !! (arcs) of these [m]
+    real(wp), allocatable :: bend_rate(:)    !! (arcs) largest change of the curvature along u [1/m per unit of u]
+    real(wp), allocatable :: pace(:)         !! (arcs) largest |dc/du| [m/any]
     real(wp), allocatable :: length(:)       !! (0:arcs) of the curve up to these [m]
     real(wp), allocatable :: angle(:)        !! (0:arcs) of the normal there, without jumps [rad]
   contains
@@ -73,9 +76,10 @@ contains
     class(curve_model), intent(inout) :: self
     real(wp), intent(in) :: u(0:)            !! ascending, from the beginning to the end [any]
     type(curve_place) :: q
-    real(wp) :: c(2, 0:samples)              ! [m]
+    real(wp) :: c(2, 0:samples), bend(0:samples), speed(0:samples)   ! [m], [1/m], [m/any]
     integer :: i, k
     allocate (self%ends(0:size(u) - 1), self%middle(2, size(u) - 1), self%radius(size(u) - 1))
+    allocate (self%bend_rate(size(u) - 1), self%pace(size(u) - 1))
     allocate (self%length(0:size(u) - 1), self%angle(0:size(u) - 1), source=0.0_wp)
     q = self%at(u(0), no_piece)
     self%ends(0) = q
@@ -84,7 +88,11 @@ contains
       do k = 0, samples
         q = self%at(u(i - 1) + (u(i) - u(i - 1))*k/samples, no_piece)
         c(:, k) = q%c
+        bend(k) = q%curvature
+        speed(k) = q%speed
       end do
+      self%bend_rate(i) = 2*maxval(abs(bend(1:) - bend(:samples - 1)))*samples/(u(i) - u(i - 1))
+      self%pace(i) = 2*maxval(speed)
       self%ends(i) = q
       self%middle(:, i) = 0.5_wp*(maxval(c, 2) + minval(c, 2))
       self%radius(i) = maxval(norm2(c - spread(self%middle(:, i), 2, samples + 1), 1)) &
@@ -168,10 +176,9 @@ contains
       i = minloc(bound, 1)
       if (bound(i) >= least) exit
       bound(i) = huge(1.0_wp)
-      if (f(i - 1) < 0.0_wp .or. f(i) > 0.0_wp) cycle
-      call compare(d, root(self, d, 1.0_wp, self%ends(i - 1)%u, self%ends(i)%u, no_piece), best, least)
+      call search(self, d, i, self%ends(i - 1), self%ends(i), most_halvings, best, least)
     end do
-    if (least >= huge(1.0_wp)) best = self%ends(minloc([(norm2(d - self%ends(i)%c), i=0, n)], 1) - 1)   ! an arc hides two places
+    if (least >= huge(1.0_wp)) best = self%ends(minloc([(norm2(d - self%ends(i)%c), i=0, n)], 1) - 1)   ! only rounding leaves none
     if (piece < no_piece) best = continued(self, d, 1.0_wp, best%u, piece)
     foot%n = best%n
     foot%distance = dot_product(d - best%c, best%n)
@@ -180,6 +187,37 @@ contains
     foot%distance = foot%distance + self%inset
     foot%curvature = best%curvature/(1 - best%curvature*self%inset)
   end function nearest_of_arcs
+
+  !> The nearest place of a part of an arc, if it is nearer than the best so far. Where 1 + kappa D stays positive (d - c).t falls all
+  !> along, so that there is at most one; else the part is halved: inside of a bend several may be nearest, and farthest ones lie between.
+  pure recursive subroutine search(self, d, i, from, to, halvings, best, least)
+    class(curve_model), intent(in) :: self
+    real(wp), intent(in) :: d(2)             !! [m]
+    integer, intent(in) :: i                 !! number of the arc
+    type(curve_place), intent(in) :: from, to
+    integer, intent(in) :: halvings          !! that are left
+    type(curve_place), intent(inout) :: best
+    real(wp), intent(inout) :: least         !! distance of the best one so far [m]
+    type(curve_place) :: middle
+    real(wp) :: width, far, bend(2), deep(2), change   ! [any], largest distance [m], ranges of kappa [1/m] and of D [m], of D [m]
+    width = to%u - from%u
+    associate (e0 => d - from%c, e1 => d - to%c, change_of_bend => 0.5_wp*self%bend_rate(i)*width)
+      far = min(norm2(e0), norm2(e1)) + self%pace(i)*width
+      if (far - 2*self%pace(i)*width >= least) return
+      bend = [min(from%curvature, to%curvature) - change_of_bend, max(from%curvature, to%curvature) + change_of_bend]
+      change = maxval(abs(bend))*far*self%pace(i)*width          ! dD/ds = kappa (d - c).t
+      deep = [dot_product(e0, from%n), dot_product(e1, to%n)]
+      deep = [minval(deep) - change, maxval(deep) + change]
+      if (halvings == 0 .or. 1 + min(bend(1)*deep(1), bend(1)*deep(2), bend(2)*deep(1), bend(2)*deep(2)) > 0.0_wp) then
+        if (dot_product(e0, turn(from%n)) < 0.0_wp .or. dot_product(e1, turn(to%n)) > 0.0_wp) return
+        call compare(d, root(self, d, 1.0_wp, from%u, to%u, no_piece), best, least)
+        return
+      end if
+    end associate
+    middle = self%at(0.5_wp*(from%u + to%u), no_piece)
+    call search(self, d, i, from, middle, halvings - 1, best, least)
+    call search(self, d, i, middle, to, halvings - 1, best, least)
+  end subroutine search
 
   !> Keeps a place that is nearer.
   pure subroutine compare(d, other, best, least)

@@ -36,6 +36,9 @@ contains
           end associate
         end do
       end do
+      if (allocated(ev%rows%off)) then
+        where (ev%rows%off) mu = 0.0_wp
+      end if
       call ev%schur%solve(mu)
       call apply_multipliers(m, ev, mu, x)
       call turn_to_body(m, ev, x)
