@@ -8,7 +8,7 @@ module time_stepper
   use archive, only: value_archive
   use ode_system, only: ode
   use step_control, only: error_norm
-  use step_counts, only: same_instant
+  use step_counts, only: rounding_of, same_instant
   use summary_text, only: summary_record
   implicit none (type, external)
   private
@@ -170,7 +170,7 @@ contains
     logical :: ok
     attempt = 0
     outcome = paused
-    do while (merge(self%t < to, .not. self%output_due, self%settings%adaptive))
+    do while (merge(self%t < to - rounding_of(to), .not. self%output_due, self%settings%adaptive))
       if (attempt == most) return
       attempt = attempt + 1
       if (.not. system%fault) call self%attempt(system, from, to)

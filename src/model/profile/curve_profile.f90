@@ -189,7 +189,7 @@ contains
   end function nearest_of_arcs
 
   !> The nearest place of a part of an arc, if it is nearer than the best so far. Where 1 + kappa D stays positive (d - c).t falls all
-  !> along, so that there is at most one; else the part is halved: inside of a bend several may be nearest, and farthest ones lie between.
+  !> along, so that there is at most one; else the part is halved: inside of a bend several may be nearest, with farthest ones between.
   pure recursive subroutine search(self, d, i, from, to, halvings, best, least)
     class(curve_model), intent(in) :: self
     real(wp), intent(in) :: d(2)             !! [m]
