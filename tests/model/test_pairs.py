@@ -327,7 +327,7 @@ def test_the_gap_of_an_edge_is_to_the_nearest_of_all_places(x, y, at, run_deck):
 
 
 def test_digits_of_an_exact_coordinate_do_not_count(run_deck):
-    """Who rounds points rounds both coordinates alike: whole millimetres beside ten digits are exact; rounded ones are warned of."""
+    """Who rounds points rounds both coordinates alike: whole millimetres beside ten digits are exact, beside two not."""
     x = range(11)
     for digits, warned in ((10, False), (2, True)):
         y = ",".join(f"{np.cosh(k / 5):.{digits}f}" for k in x)

@@ -292,10 +292,11 @@ def test_a_start_beyond_a_limit_rebounds_as_from_the_touching_that_leads_there(e
     y = brentq(lambda y: np.log((1 + y) / (1 - e * y)) - y * (1 + e), 1e-3, 1 / e - 1e-12) if e < 1 else 0.0
     share = (y - np.log(1 + y)) / y**2 if y > 0 else 0.5
     v0 = np.sqrt(hardness * depth ** (exponent + 1) / ((exponent + 1) * mass * share))
+    limit = "upper=0" if way > 0 else "lower=0"
     deck = f"""&body name='b' mass={mass} inertia=1 position={way * depth},0 velocity=0,0 /
 &joint name='g' type='prismatic' body_a='b' /
 &sensor name='v' quantity='velocity' body='b' /
-&stop name='s' type='position' body_a='b' {"upper" if way > 0 else "lower"}=0 stiffness={hardness} exponent={exponent} restitution={e} /
+&stop name='s' type='position' body_a='b' {limit} stiffness={hardness} exponent={exponent} restitution={e} /
 &transient t_end=0.5 output_step=0.1 method='dopri5' tolerance=1e-9 /
 """
     run = run_deck(deck)

@@ -425,7 +425,12 @@ def test_rates_that_a_drive_asks_of_a_beam_go_to_its_section_alone(run_deck):
 @pytest.mark.parametrize(
     ("profile", "at", "place"),
     [
-        ("kind='points' closed=.false. x=-1,-0.8,-0.6,-0.4,-0.2,0,0.2,0.4,0.6,0.8,1 y=1,0.64,0.36,0.16,0.04,0,0.04,0.16,0.36,0.64,1", (0.01, 0.06), 0.05),
+        (
+            "kind='points' closed=.false. x=-1,-0.8,-0.6,-0.4,-0.2,0,0.2,0.4,0.6,0.8,1 "
+            "y=1,0.64,0.36,0.16,0.04,0,0.04,0.16,0.36,0.64,1",
+            (0.01, 0.06),
+            0.05,
+        ),
         ("kind='circle' radius=0.5 hollow=.true.", (0.2, -0.3), -0.45),
     ],
 )

@@ -1,4 +1,4 @@
-"""Jumps and corners of loads beside the ends of steps: all methods end there, no pass steps over a load, rows have their own work."""
+"""Jumps and corners of loads beside ends of steps: all methods end there, no pass steps over a load, rows have their work."""
 
 from __future__ import annotations
 
@@ -76,7 +76,8 @@ def test_thousands_of_parts_end_where_they_should(method, periodic, run_deck):
 def test_a_jump_soon_after_the_start_in_a_late_part_of_a_period(words, run_deck):
     """Times in the period are rounded more coarsely than those of the run: both sides of the jump stay apart."""
     deck = "&history name='a' coefficients=3 /\n&history name='b' coefficients=1 /\n"
-    deck += "&history name='h' kind='sequence' histories='a','b' durations=0.75,0.25 start=0.250015383445828 periodic=.true. /\n" + PUSH
+    deck += "&history name='h' kind='sequence' histories='a','b' durations=0.75,0.25 start=0.250015383445828 periodic=.true. /\n"
+    deck += PUSH
     done = run_deck(deck + f"&transient t_end=0.2 output_step=0.1 {words} /\n", "--quiet")
     assert last_row(done, "v.x") == pytest.approx([1.538344582e-5 * 3 + (0.2 - 1.538344582e-5) * 1], abs=1e-13)
 

@@ -412,9 +412,9 @@ contains
     call limit_steps(self)
   end subroutine begin_contacts
 
-  !> Contacts that no touching began: those at the start, and those that had let go there and press again. A restitution is one of the
-  !> speed at touching, here that from which the mass that they meet would have come so deep; the least one would make them as stiff as
-  !> no contact is.
+  !> Contacts that no touching began: those at the start, and those that had let go there and press again. A restitution is one of
+  !> the speed at touching, here that from which the mass that they meet would have come so deep; the least one would make them as
+  !> stiff as no contact is.
   subroutine rate_contacts(self, t, y, touched)
     class(switching_mechanism), intent(inout) :: self
     real(wp), intent(in) :: t               !! [s]

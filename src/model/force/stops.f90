@@ -192,7 +192,7 @@ contains
     time = time/max(1.0_wp, 0.25_wp*max(self%rebound, self%chi*speed))
   end function impact_time
 
-  !> The speed at touching from which a free mass comes to rest at a penetration; a rate that it still has there counts by its energy.
+  !> The speed at touching from which a free mass comes to rest at a penetration; a rate that it has there counts by its energy.
   !> With s = d'/v0 the motion obeys m s ds/(1 + y s) = -K d^n dd/v0^2, and the integral of s/(1 + y s) from 0 to 1 is
   !> (y - ln(1 + y))/y^2, 1/2 for y = 0.
   pure real(wp) function speed_to(self, mass, depth, rate) result(speed)   ! [m/s] or [rad/s]

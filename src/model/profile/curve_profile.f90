@@ -1,7 +1,7 @@
 !> Profiles by a curve c(u) that runs about its inside counter-clockwise. The profile lies `inset` within it: the curve of a law is
 !> that of its roller's centre (pitch curve), with the same normals. A nearest place is found from the point alone, without memory,
 !> so that trials of steps and restarts meet the same one: the curve is cut into arcs, each within a circle; only arcs whose circles
-!> come nearer than the best place are searched, by Newton's method within brackets in which there is but one (theory.md, section 17).
+!> come nearer than the best place are searched, by Newton's method within brackets that hold but one (theory.md, section 17).
 module curve_profile
   use kinds, only: half_digits, pi, wp
   use marker, only: turn
@@ -188,8 +188,8 @@ contains
     foot%curvature = best%curvature/(1 - best%curvature*self%inset)
   end function nearest_of_arcs
 
-  !> The nearest place of a part of an arc, if it is nearer than the best so far. Where 1 + kappa D stays positive (d - c).t falls all
-  !> along, so that there is at most one; else the part is halved: inside of a bend several may be nearest, with farthest ones between.
+  !> The nearest place of a part of an arc, if it is nearer than the best so far. Where 1 + kappa D stays positive (d - c).t falls
+  !> all along, so that there is at most one. Else the part is halved: inside of a bend several may be nearest.
   pure recursive subroutine search(self, d, i, from, to, halvings, best, least)
     class(curve_model), intent(in) :: self
     real(wp), intent(in) :: d(2)             !! [m]
