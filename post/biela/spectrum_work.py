@@ -144,7 +144,9 @@ def spectrum(
         axis_values, abscissa, unit = run[orders] / (2.0 * np.pi), f"order of {orders}", "per turn"
         axis_values = axis_values if axis_values[-1] > axis_values[0] else -axis_values
         if np.any(np.diff(axis_values) <= 0.0) and not turns:
-            raise HistoryError(f"{run.path}: {orders} does not increase or decrease throughout: orders need a drive turning one way")
+            raise HistoryError(
+                f"{run.path}: {orders} does not increase or decrease throughout: orders need a drive turning one way"
+            )
     found = Spectrum(abscissa, unit, {}, {}, {}, [], reference)
     for name in run.match(columns):
         if turns:

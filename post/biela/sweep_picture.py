@@ -104,8 +104,8 @@ def draw_identified(study: Study, best: Design, units: list[str]) -> Figure:
     with mpl.rc_context(LOOK):
         figure, axes = subplots(2 * len(misfits), 1, figsize=(8.0, 0.8 + 4.0 * len(misfits)), squeeze=False, sharex="col",
                                     height_ratios=(3, 2) * len(misfits))  # fmt: skip
-        for (upper, lower), (one, unit), found in zip(axes.reshape(-1, 2), misfits, best.differences):
-            one = one.in_units("Hz" if one.file == "frequency_response" else "s", unit)
+        for (upper, lower), (asked, unit), found in zip(axes.reshape(-1, 2), misfits, best.differences):
+            one = asked.in_units("Hz" if asked.file == "frequency_response" else "s", unit)
             at, *parts = map(np.array, one.measured)
             inside = (at >= one.start) & (at <= one.end)
             measured = np.array(parts)[:, inside]

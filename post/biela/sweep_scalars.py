@@ -393,7 +393,8 @@ def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: 
     found = Measured()
     if numbers_of_modes := [one.mode for one in scalars if one.mode]:
         found.modes.extend(_modes(folder, 2 * max(numbers_of_modes) + FURTHER))
-    for scalar in scalars:
+    for asked in scalars:
+        scalar = asked
         several: list = []
         if scalar.of_summary or scalar.mode:
             found.values.append(np.nan if scalar.mode else _summary_figure(folder, scalar.path))
@@ -408,7 +409,7 @@ def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: 
                 if scalar.measure in fatigue.NEEDS_SIGN:
                     fatigue.refuse_size(table, scalar.column, scalar.measure)
             unit = table.units.get(scalar.column) or table.units.get(f"{scalar.column}.amplitude", "")
-            scalar = scalar.in_units(table.units[table.names[0]], unit)
+            scalar = asked.in_units(table.units[table.names[0]], unit)
             found.values.append(scalar.of(axis, values, angle))
             found.units.append(scalar.unit(unit, table.units[table.names[0]]))
             if extremes and np.isfinite(found.values[-1]):

@@ -226,7 +226,7 @@ def test_orders_of_a_drive_that_turns_clockwise(run, capsys):
     assert capsys.readouterr().out == told
 
 
-def test_an_exported_table_reads_back(tmp_path, capsys):
+def test_an_exported_table_reads_back(tmp_path):
     head = "# columns: t[s] units[rad] a_[m/s2] none\n"
     (tmp_path / "history.txt").write_text(head + "0.0 0.1 0.3 1\n0.5 0.7 1e-17 2\n1.0 -1.25 3.5e+100 3\n")
     assert export_command.main([str(tmp_path), "--to", "csv"]) == 0

@@ -211,7 +211,8 @@ def test_memory_that_ends_is_told_and_leaves_no_lock(largest, biela, tmp_path):
 
 RESULTS = ["history.txt", "summary.json", "checkpoint"]
 SCRATCH = [".lock", "summary.json.new", "summary.txt.new", "checkpoint.new"]
-BEGIN = {"history": "# biela: sensors", "summary": '{\n  "version": "0', "checkpoint": "bbbbbbbb", "": ""}  # of what a killed run left
+# how files begin that a killed run has left
+BEGIN = {"history": "# biela: sensors", "summary": '{\n  "version": "0', "checkpoint": "bbbbbbbb", "": ""}
 
 
 @pytest.mark.parametrize("name", [*RESULTS, *SCRATCH])
