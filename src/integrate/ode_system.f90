@@ -7,6 +7,13 @@ module ode_system
 
   real(wp), parameter, public :: largest_value = 1.0e40_wp   !! beyond it a state is lost; products of several still fit [any]
 
+  !> How a state moves what a root is a function of: bounds of the root between two states follow from it.
+  type, public :: root_course
+    real(wp) :: w(2) = 0.0_wp                 !! rates of coordinates; the root changes at most by the sum of their changes [any/s]
+    real(wp) :: turning = 0.0_wp              !! of what may turn these rates [rad/s]
+    real(wp) :: bend = huge(1.0_wp)           !! largest second derivative by the coordinates; huge: not known [any]
+  end type root_course
+
   !> The system.
   type, abstract, public :: ode
     integer :: n = 0                          !! unknowns
@@ -22,6 +29,8 @@ module ode_system
     procedure(onto_manifold), deferred :: project
     procedure :: evaluate_on_manifold
     procedure :: find_roots => no_roots
+    procedure :: find_courses => no_courses
+    procedure :: follow_roots => no_motion
     procedure :: resolve_events => no_events
     procedure :: note_step => no_note
     procedure :: longest_fixed => as_events_allow
@@ -80,6 +89,26 @@ contains
     rate = huge(1.0_wp)
     zero = 0.0_wp
   end subroutine no_roots
+
+  !> Courses of the roots that were found last. Here: none.
+  subroutine no_courses(self, course)
+    class(ode), intent(in) :: self
+    type(root_course), intent(out) :: course(:)   !! (roots)
+    course = root_course()
+  end subroutine no_courses
+
+  !> Roots that need no derivative, at a state within a step: their values and rates as above, and their courses; others are huge.
+  !> Here: none. The last `find_roots` and `derivative` stand.
+  subroutine no_motion(self, t, y, g, rate, course)
+    class(ode), intent(inout) :: self
+    real(wp), intent(in) :: t                 !! [s]
+    real(wp), intent(in), contiguous :: y(:)  !! (n) without quadratures [unit of each unknown]
+    real(wp), intent(out) :: g(:), rate(:)    !! (roots) [any], [any/s]
+    type(root_course), intent(out) :: course(:)   !! (roots)
+    g = huge(1.0_wp)
+    rate = huge(1.0_wp)
+    course = root_course()
+  end subroutine no_motion
 
   !> Changes by events: of the system's own states, and of the state y where an event makes it jump. Not ok where events follow one
   !> another without end. Here: nothing.

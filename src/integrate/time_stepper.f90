@@ -6,7 +6,7 @@
 module time_stepper
   use kinds, only: wp, ip
   use archive, only: value_archive
-  use ode_system, only: ode
+  use ode_system, only: ode, root_course
   use step_control, only: error_norm
   use step_counts, only: rounding_of, same_instant
   use summary_text, only: summary_record
@@ -46,6 +46,7 @@ module time_stepper
   type, public :: root_values
     real(wp) :: h = 0.0_wp                    !! [s]
     real(wp), allocatable :: g(:), rate(:)    !! (roots); rates by the length, as far as they are known [any], [any/s]
+    type(root_course), allocatable :: course(:)   !! (roots)
   end type root_values
 
   !> Roots at the present state, and an event there (`event_location`).
@@ -80,11 +81,15 @@ module time_stepper
     real(wp) :: tried = 0.0_wp                !! end of the step that is tried [s]
     real(wp), allocatable :: y(:)             !! (n) state at t [unit of each unknown]
     real(wp), allocatable :: trial(:)         !! (n) the end of the step tried, also after `diverged` [unit of each unknown]
+    real(wp), allocatable :: path(:, :)       !! (n, 0:5) of the step tried by its share's powers, for roots [unit of each unknown]
+    integer :: degree = 5                     !! of that
+    real(wp), allocatable :: inner(:)         !! (n) a state of it [unit of each unknown]
   contains
     procedure(begin_march), deferred :: begin
     procedure(make_attempt), deferred :: attempt
     procedure(try_length), deferred :: try_step
     procedure(take_trial), deferred :: accept_step
+    procedure(find_path), deferred :: keep_path
     procedure(pass_event), deferred :: restart
     procedure(read_output), deferred :: output_state
     procedure(exchange_march), deferred :: exchange
@@ -128,6 +133,12 @@ module time_stepper
       class(ode), intent(inout) :: system
       real(wp), intent(in) :: h               !! its size [s]
     end subroutine take_trial
+    !> The method's own continuous solution within the step that was tried, without quadratures: sets `path` up to its `degree`.
+    subroutine find_path(self, h)
+      import :: stepper, wp
+      class(stepper), intent(inout) :: self
+      real(wp), intent(in) :: h               !! length of the step [s]
+    end subroutine find_path
     !> Lets the system resolve the event of the roots that have fallen at t, and starts anew from the state y after it; ok is false
     !> where it cannot.
     subroutine pass_event(self, system, ok)
@@ -198,12 +209,16 @@ contains
   subroutine exchange_common(self, a)
     class(stepper), intent(inout) :: self
     type(value_archive), intent(inout) :: a
+    real(wp), allocatable :: course(:)        ! [any/s], [rad/s], [any]
     integer :: k
     call a%exchange(self%t, self%steps, self%rejected, self%shortest, self%longest, self%removed, self%grid%done, self%grid%level)
     call a%exchange(self%grid%part, self%grid%left, self%grid%ends)
     call a%exchange(self%y)
     associate (r => self%roots)
       call a%exchange(r%now%g, r%now%rate)
+      course = [(r%now%course(k)%w, r%now%course(k)%turning, r%now%course(k)%bend, k=1, size(r%fallen))]
+      call a%exchange(course)
+      r%now%course = [(root_course(course(4*k - 3:4*k - 2), course(4*k - 1), course(4*k)), k=1, size(r%fallen))]
       do k = 1, size(r%fallen)
         call a%exchange(r%fallen(k), r%rounding(k))
       end do

@@ -105,7 +105,8 @@ def test_circles_touch_as_rods_and_clearances_do(run_deck):
     runs = [run_deck(ball.replace("TYPE", f"type={words}"), name=words[1:5]) for words in PINS]
     events = [np.array([[float(x) for x in line.split()[::4]] for line in read_lines(run)]) for run in runs]
     assert len(events[0]) > 4
-    np.testing.assert_allclose(events[1], events[0], rtol=0, atol=1e-11)
+    apart = 64 * np.finfo(float).eps * 0.25 / np.maximum(events[0][:, 1], 1e-9)  # an event is where a length is zero to rounding
+    assert (np.abs(events[1] - events[0]) < 1e-11 + np.outer(apart, [1.0, 9.81])).all()
     np.testing.assert_allclose(runs[1].history["y.x"], runs[0].history["y.x"], rtol=0, atol=1e-9)
     rest = ball.replace("restitution=0.7", "point_a=0,0.02 stiffness=1e5 exponent=1").replace("0.1,0.0", "0.05,-0.22")
     rest = rest.partition("&transient")[0] + "&static /\n&modal modes=2 /\n"

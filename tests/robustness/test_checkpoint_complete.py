@@ -16,7 +16,7 @@ from conftest import ROOT
 LEFT_OUT: dict[tuple[str, str, str, str], set[str]] = {
     ("time_stepper", "stepper", "time_stepper", "self"): {
         *("trouble", "tried", "trial", "settings", "norm"),
-        *("cause", "next_stop", "output_due", "roots"),
+        *("cause", "next_stop", "output_due", "roots", "path", "degree", "inner"),
     },
     ("time_stepper", "root_watch", "time_stepper", "r"): {"end", "zero", "locating"},
     ("fixed_step", "fixed_stepper", "fixed_step", "self"): {"method", "stage"},

@@ -3,7 +3,7 @@
 module parabola
   use kinds, only: wp
   use marker, only: marker_states
-  use measure, only: measured, measure_model
+  use measure, only: measure_course, measure_model, measured
   implicit none (type, external)
   private
 
@@ -12,6 +12,7 @@ module parabola
     real(wp) :: radius = 1.0_wp             !! of curvature at the bottom [m]
   contains
     procedure :: measure => motion
+    procedure :: course
     procedure :: curvature
   end type parabola_measure
 
@@ -30,6 +31,14 @@ contains
       now%bias = -v(1)**2/self%radius
     end associate
   end subroutine motion
+
+  !> It bends by x: no stop limits it, so that nothing asks how much.
+  pure type(measure_course) function course(self, p) result(c)
+    class(parabola_measure), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    c%turning = self%spin(p)
+    c%bend = huge(1.0_wp)
+  end function course
 
   !> -1/R along x.
   pure subroutine curvature(self, p, h)

@@ -43,5 +43,6 @@ contains
     m%a(2, 3) = 2/3.0_wp
     m%b = [0.25_wp, 0.0_wp, 0.75_wp]
     m%c = [0.0_wp, 1/3.0_wp, 2/3.0_wp]
+    m%curve = [-1.5_wp, 1.5_wp, 0.0_wp]
   end function heun
 end program toy_tableau

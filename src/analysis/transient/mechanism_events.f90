@@ -6,11 +6,15 @@ module mechanism_events
   use controls, only: pass_control_events, start_controls
   use dynamics, only: evaluate, evaluate_motion, marker_kinematics, motion_state
   use evaluation_results, only: conditions_of, evaluation
+  use evaluation_settings, only: at_side
   use force_element, only: by_position, inactive, most_roots
   use friction_law, only: row_at_limit, row_parted, row_slips, row_stuck, sliding
   use friction_shares, only: find_undetermined
+  use marker, only: marker_states
+  use measure, only: measure_course
   use impacts, only: impact_result, pass_impacts
   use mechanism_rates, only: moving_mechanism
+  use ode_system, only: root_course
   use projection, only: project
   use resting_rows, only: close_low, comes_to_rest, find_states, hold_resting, resting_set
   use root_watch, only: resting
@@ -37,12 +41,15 @@ module mechanism_events
     real(wp), allocatable :: painleve(:)      !! (rows that switch) Painleve's ratio when it was last found [-]
     integer :: last_checked = 0               !! row whose ratio was found last
     class(evaluation), allocatable, private :: nearby  !! a little later, for difference quotients
+    class(evaluation), allocatable, private :: within  !! motion of the markers within a step
     real(wp) :: output_step = huge(1.0_wp)    !! between two rows of the history [s]
   contains
     procedure :: start_switching
     procedure :: position_of
     procedure :: hold_rows
     procedure :: find_roots
+    procedure :: find_courses
+    procedure :: follow_roots
     procedure :: resolve_events
     procedure :: note_step
     procedure :: longest_fixed
@@ -145,6 +152,77 @@ contains
       call watch_roots(m, ev, s%elements + 1, s%elements + size(s%controllers), t, left_limit, z, g, rate, zero)
     end associate
   end subroutine find_roots
+
+  !> Courses of force elements and controllers, by the last motion of the markers.
+  subroutine find_courses(self, course)
+    class(switching_mechanism), intent(in) :: self
+    type(root_course), intent(out) :: course(:)   !! (roots)
+    call courses_at(self, self%ev%p, course)
+  end subroutine find_courses
+
+  !> The same by any motion of the markers. What a controller demands is not bounded by its motion.
+  subroutine courses_at(self, p, course)
+    class(switching_mechanism), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(root_course), intent(out) :: course(:)   !! (roots)
+    type(measure_course) :: c
+    integer :: k, n
+    associate (s => self%m%s)
+      do k = 1, size(s%switching)
+        c = s%forces(s%switching(k))%item%measure%course(p)
+        course(most_roots*(k - 1) + 1:most_roots*k) = root_course(c%w, c%turning, c%bend)
+      end do
+      do k = 1, size(s%controllers)
+        c = s%controllers(k)%quantity%course(p)
+        n = most_roots*(s%elements + k)
+        course(n - most_roots + 1:n)%turning = c%turning
+      end do
+    end associate
+  end subroutine courses_at
+
+  !> Roots that follow from motion alone: those of force elements but for the forces of rigid stops, and of controllers.
+  subroutine follow_roots(self, t, y, g, rate, course)
+    class(switching_mechanism), intent(inout) :: self
+    real(wp), intent(in) :: t               !! [s]
+    real(wp), intent(in), contiguous :: y(:)   !! (ny) [m, rad], [m/s, rad/s]
+    real(wp), intent(out) :: g(:), rate(:)  !! (roots) [any], [any/s]
+    type(root_course), intent(out) :: course(:)   !! (roots)
+    real(wp) :: zero(size(g))               ! not used [any]
+    integer :: k
+    if (.not. allocated(self%within)) call begin_within(self)
+    g = huge(1.0_wp)
+    rate = huge(1.0_wp)
+    associate (m => self%m, s => self%m%s, x => self%within, nq => self%m%s%nq, z => y(2*self%m%s%nq + 1:))
+      x%t = t
+      x%options = at_side(self%options, .true.)
+      x%switches%state = self%ev%switches%state
+      x%switches%event_value = self%ev%switches%event_value
+      x%control%state = self%ev%control%state
+      call marker_kinematics(m, x, y(1:nq), y(nq + 1:2*nq))
+      call watch_roots(m, x, 1, size(s%switching), t, .true., z(:s%nz), g, rate, zero)
+      call watch_roots(m, x, s%elements + 1, s%elements + size(s%controllers), t, .true., z(:s%nz), g, rate, zero)
+      do k = 1, size(s%switching)
+        if (is_rigid_stop(m, k) .and. x%switches%state(k) /= inactive) g(most_roots*(k - 1) + 1:most_roots*k) = huge(1.0_wp)
+      end do
+      call courses_at(self, x%p, course)
+    end associate
+  end subroutine follow_roots
+
+  !> What the motion of markers and the roots of elements need of an evaluation.
+  subroutine begin_within(self)
+    class(switching_mechanism), intent(inout) :: self
+    allocate (evaluation :: self%within)
+    associate (x => self%within, ev => self%ev)
+      x%p = ev%p
+      x%frame%angle = ev%frame%angle
+      x%frame%cos = ev%frame%cos
+      x%frame%sin = ev%frame%sin
+      x%switches = ev%switches
+      x%control = ev%control
+      x%factor = ev%factor
+      x%lambda = ev%lambda
+    end associate
+  end subroutine begin_within
 
   !> Rates of the distances to the limits of joints that stick, by a second evaluation a little later. With them a share that
   !> reaches its limit and leaves it within a step is found. A change that may be rounding gives no rate.

@@ -43,6 +43,7 @@ module adaptive_pair
     procedure :: attempt
     procedure :: try_step
     procedure :: accept_step
+    procedure :: keep_path
     procedure :: restart
     procedure :: output_state
     procedure :: exchange
@@ -170,6 +171,21 @@ contains
     call self%norm%watch_slopes(self%last, .false.)
     call self%count_step(self%tried, h)
   end subroutine accept_step
+
+  !> The continuous extension, by powers.
+  subroutine keep_path(self, h)
+    class(adaptive_stepper), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    call keep_dense(self, h)
+    associate (d => self%dense, p => self%path)
+      p(:, 0) = d(:, 1)
+      p(:, 1) = d(:, 2) + d(:, 3)
+      p(:, 2) = d(:, 4) + d(:, 5) - d(:, 3)
+      p(:, 3) = -(d(:, 4) + 2*d(:, 5))
+      p(:, 4) = d(:, 5)
+    end associate
+    self%degree = 4
+  end subroutine keep_path
 
   !> Goes on after an event: the first step is chosen anew.
   subroutine restart(self, system, ok)

@@ -26,6 +26,7 @@ module fixed_step
     procedure :: attempt
     procedure :: try_step
     procedure :: accept_step
+    procedure :: keep_path
     procedure :: restart
     procedure :: output_state
     procedure :: exchange
@@ -82,6 +83,17 @@ contains
     call system%derivative(self%tried, self%y, .not. at_stop(self), self%k(:, 1))
     call self%count_step(self%tried, h)
   end subroutine accept_step
+
+  !> The cubic from the start, with its slope, to the projected end.
+  subroutine keep_path(self, h)
+    class(fixed_stepper), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    self%path(:, 0) = self%y
+    self%path(:, 1) = h*self%k(:, 1)
+    self%path(:, 2) = h*matmul(self%k, self%method%curve)
+    self%path(:, 3) = self%trial - self%y - self%path(:, 1) - self%path(:, 2)
+    self%degree = 3
+  end subroutine keep_path
 
   !> Goes on after an event.
   subroutine restart(self, system, ok)

@@ -1,5 +1,6 @@
-!> The explicit Runge-Kutta methods, as data: Butcher tableaux, and for step control the weights of the embedded error estimate and
-!> of the continuous extension. Everything else about a method follows from these.
+!> The explicit Runge-Kutta methods, as data: Butcher tableaux, weights of the solution within a step, and for step control those of
+!> the embedded error estimate and of the continuous extension. Everything else about a method follows from these. The cubic within
+!> a step has order 3: its weights w of the square meet sum w = 0, w.c = 1/2, w.c2 = 0, w.A c = 0.
 module tableaux
   use kinds, only: wp
   implicit none (type, external)
@@ -21,6 +22,7 @@ module tableaux
     real(wp), allocatable :: a(:, :)          !! (stages, stages): column i holds the weights of stage i, a(j, i) for j < i [-]
     real(wp), allocatable :: b(:)             !! (stages) weights [-]
     real(wp), allocatable :: c(:)             !! (stages) nodes [-]
+    real(wp), allocatable :: curve(:)         !! (stages) of the square in the cubic within a step [-]
     ! for step control, with the derivative at the end of the step as a last stage
     real(wp), allocatable :: error(:)         !! (stages + 1) weights less those of the embedded method [-]
     real(wp), allocatable :: dense(:)         !! (stages + 1) weights of what the extension has beside its cubic [-]
@@ -53,6 +55,7 @@ contains
     m%a(3, 4) = 1.0_wp
     m%b = [1.0_wp, 2.0_wp, 2.0_wp, 1.0_wp]/6.0_wp
     m%c = [0.0_wp, 0.5_wp, 0.5_wp, 1.0_wp]
+    m%curve = [-1.5_wp, 1.0_wp, 1.0_wp, -0.5_wp]
   end function classical_rk4
 
   !> The pair of orders 5 and 4 of Dormand and Prince (1980), its six stages; the seventh, the derivative at the end of the
@@ -69,6 +72,7 @@ contains
     m%a(1:5, 6) = [9017.0_wp/3168.0_wp, -355.0_wp/33.0_wp, 46732.0_wp/5247.0_wp, 49.0_wp/176.0_wp, -5103.0_wp/18656.0_wp]
     m%b = [35.0_wp/384.0_wp, 0.0_wp, 500.0_wp/1113.0_wp, 125.0_wp/192.0_wp, -2187.0_wp/6784.0_wp, 11.0_wp/84.0_wp]
     m%c = [0.0_wp, 0.2_wp, 0.3_wp, 0.8_wp, 8.0_wp/9.0_wp, 1.0_wp]
+    m%curve = [-13.0_wp/6.0_wp, 0.0_wp, 50.0_wp/21.0_wp, 0.0_wp, 0.0_wp, -3.0_wp/14.0_wp]
     m%error = [71.0_wp/57600.0_wp, 0.0_wp, -71.0_wp/16695.0_wp, 71.0_wp/1920.0_wp, -17253.0_wp/339200.0_wp, 22.0_wp/525.0_wp, &
                -1.0_wp/40.0_wp]
     m%dense = [-12715105075.0_wp/11282082432.0_wp, 0.0_wp, 87487479700.0_wp/32700410799.0_wp, &

@@ -21,6 +21,7 @@ module alpha_stepper
     procedure :: set_up
     procedure :: solve_step
     procedure :: take_step
+    procedure :: keep_path
     procedure :: pack_state
     procedure :: report_work
     procedure :: implicit_work
@@ -73,6 +74,30 @@ contains
     self%removed = self%solver%energy%removed
     call self%end_step(system, h, self%solver%x(1:self%solver%nq))
   end subroutine take_step
+
+  !> Cubics of positions with the rates at both ends, of rates with the accelerations.
+  subroutine keep_path(self, h)
+    class(alpha_march), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    associate (s => self%solver, p => self%path, nq => self%solver%nq, nz => self%solver%nz)
+      p(:, 0:3) = 0.0_wp
+      p(1:nq, 0:3) = hermite(h, s%x(1:nq), s%v(1:nq), s%x1(1:nq), s%v1(1:nq))
+      p(nq + 1:2*nq, 0:3) = hermite(h, s%v(1:nq), s%vd(1:nq), s%v1(1:nq), s%vd1(1:nq))
+      p(2*nq + 1:2*nq + nz, 0:3) = hermite(h, s%x(nq + 1:), s%v(nq + 1:), s%x1(nq + 1:), s%v1(nq + 1:))
+    end associate
+    self%degree = 3
+  end subroutine keep_path
+
+  !> Coefficients of cubics by values and slopes at both ends [any].
+  pure function hermite(h, a, da, b, db) result(c)
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp), intent(in) :: a(:), da(:), b(:), db(:)   !! [any], [any/s]
+    real(wp) :: c(size(a), 0:3)
+    c(:, 0) = a
+    c(:, 1) = h*da
+    c(:, 2) = 3*(b - a) - h*(2*da + db)
+    c(:, 3) = 2*(a - b) + h*(da + db)
+  end function hermite
 
   !> The method's own state, whose rates are not projected.
   subroutine pack_state(self, tried, y)

@@ -20,6 +20,7 @@ module radau_method
     complex(wp) :: from(2, 3) = (0.0_wp, 0.0_wp)   !! x = from times the stages, the second for its conjugate, too [-]
     real(wp) :: e(3) = 0.0_wp                !! embedded formula of order 3: h y'(t) is compared with -sum of e_i (Y_i - y) [-]
     real(wp) :: lead(0:3) = 0.0_wp           !! coefficient of s^3 of the cubic through 0 and the stages [-]
+    real(wp) :: powers(3, 3) = 0.0_wp        !! of the changes at the stages, the cubic's coefficients of s, s^2, s^3 [-]
     real(wp) :: fifth = 0.0_wp               !! error of the quadrature for s^5 [-]
   end type radau_tableau
 
@@ -48,6 +49,8 @@ contains
         r%lead(k) = 1/product(pack(s(k + 1) - s, [0, 1, 2, 3] /= k))
       end do
     end associate
+    call invert3(reshape([r%c, r%c**2, r%c**3], [3, 3]), r%powers, bad)
+    r%powers = transpose(r%powers)
     r%fifth = sum(r%a(3, :)*r%c**5) - 1.0_wp/6
   end function radau_iia
 

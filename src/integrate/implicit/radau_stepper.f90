@@ -44,6 +44,7 @@ module radau_stepper
     procedure :: solve_step
     procedure :: measure_step
     procedure :: take_step
+    procedure :: keep_path
     procedure :: pack_state
     procedure :: interpolate
     procedure :: report_work
@@ -322,6 +323,32 @@ contains
       end do
     end associate
   end subroutine interpolate
+
+  !> The same within the step that was tried, before its end is put onto the constraints.
+  subroutine keep_path(self, h)
+    class(radau_march), intent(inout) :: self
+    real(wp), intent(in) :: h                 !! [s]
+    real(wp) :: d(3)                          ! [unit of each unknown]
+    integer :: i, k
+    call self%pack_state(.false., self%path(:, 0))
+    do k = 1, 3
+      self%path(:, k) = self%path(:, 0)       ! quadratures stay
+      call pack_stage(self, k, self%path(:, k))
+      self%path(:, k) = self%path(:, k) - self%path(:, 0)
+    end do
+    self%path(:, 1:3) = matmul(self%path(:, 1:3), self%stages%method%powers)
+    self%path(:, 4:) = 0.0_wp
+    associate (s => self%stages, p => self%path)
+      do i = 1, s%nq
+        if (self%norm%largest(self%norm%group(i)) < self%norm%floor(self%norm%group(i))) cycle
+        associate (v => h*s%v0(i), a => h**2*s%a0(i))
+          d = [s%q(i, 3) - s%q0(i) - v - 0.5_wp*a, h*s%v(i, 3) - v - a, h**2*s%a(i, 3) - a]
+          p(i, 1:) = [v, 0.5_wp*a, 10*d(1) - 4*d(2) + 0.5_wp*d(3), -15*d(1) + 7*d(2) - d(3), 6*d(1) - 3*d(2) + 0.5_wp*d(3)]
+          p(s%nq + i, 0:4) = [(k*p(i, k)/h, k=1, 5)]
+        end associate
+      end do
+    end associate
+  end subroutine keep_path
 
   !> Processor time of a residual with its share of the matrices is 2.2 times that of an explicit evaluation, as the median of 24
   !> random scenes (1.4 to 3.2; `make bench`).

@@ -25,6 +25,13 @@ module measure
     real(wp) :: bias                       !! rates.H.rates: what x'' has beside g times the markers' accelerations [m/s2]
   end type measured
 
+  !> How a state moves the coordinates that x is a function of, in the axes in which x bends least.
+  type, public :: measure_course
+    real(wp) :: w(2) = 0.0_wp              !! their rates; x changes at most by the sum of their changes [m/s] or [rad/s]
+    real(wp) :: turning = 0.0_wp           !! of what may turn these rates [rad/s]
+    real(wp) :: bend = 0.0_wp              !! largest second derivative of x by them; huge: not known [1/m] or [1/rad]
+  end type measure_course
+
   !> A measure.
   type, abstract, public :: measure_model
     integer :: ia = 0, ib = 0              !! markers a and b in the list whose states it is given
@@ -41,11 +48,13 @@ module measure
     logical :: acts(6) = .false.           !! whether x depends on x, y, section angle of a, then of b
   contains
     procedure(measure_motion), deferred :: measure
+    procedure(course_of), deferred :: course
     procedure :: curvature => no_curvature
     procedure :: sunk => never_sunk
     procedure :: init_from_assembly
     procedure :: in_all_directions
     procedure :: rates
+    procedure :: spin
     procedure :: turning
     procedure :: value
     procedure :: gradient
@@ -60,6 +69,12 @@ module measure
       type(marker_states), intent(in) :: p
       type(measured), intent(out) :: now
     end subroutine measure_motion
+    !> By what the motion between two states can change x (theory.md, section 11).
+    pure type(measure_course) function course_of(self, p)
+      import :: measure_model, marker_states, measure_course
+      class(measure_model), intent(in) :: self
+      type(marker_states), intent(in) :: p
+    end function course_of
   end interface
 
   !> Makes an array of different kinds possible.
@@ -101,6 +116,13 @@ contains
     real(wp) :: v(6)                       ! [m/s], [rad/s]
     v = [p%v(:, self%ia), p%rate(self%ia), p%v(:, self%ib), p%rate(self%ib)]
   end function rates
+
+  !> The faster of the two sections' rates.
+  pure real(wp) function spin(self, p)     ! [rad/s]
+    class(measure_model), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    spin = max(abs(p%rate(self%ia)), abs(p%rate(self%ib)))
+  end function spin
 
   !> H q', how fast the gradient changes.
   pure function turning(self, p) result(g)

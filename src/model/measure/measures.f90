@@ -2,7 +2,7 @@
 module measures
   use kinds, only: wp
   use marker, only: marker_states, turn
-  use measure, only: measured, measure_model
+  use measure, only: measure_course, measure_model, measured
   use small_matrices, only: outer
   implicit none (type, external)
   private
@@ -13,6 +13,7 @@ module measures
     integer :: component = 1               !! 1: x, 2: y, 3: angle
   contains
     procedure :: measure => difference_motion
+    procedure :: course => difference_course
   end type difference_measure
 
   !> (angle_a - angle_c) - ratio (angle_b - angle_c): turns of a and b from a carrier c, as gears join them.
@@ -20,6 +21,7 @@ module measures
     real(wp) :: ratio = 1.0_wp             !! turns of a for one of b [-]
   contains
     procedure :: measure => turns_motion
+    procedure :: course => turns_course
   end type turns_measure
 
   !> |r_a - r_b|.
@@ -28,6 +30,7 @@ module measures
     logical :: along_x = .false.           !! where the markers coincide its direction is x; else it has none there
   contains
     procedure :: measure => distance_motion
+    procedure :: course => distance_course
     procedure :: curvature => circle_curvature
   end type distance_measure
 
@@ -37,6 +40,7 @@ module measures
     real(wp) :: normal(2) = [1.0_wp, 0.0_wp]   !! n where b is on the ground [-]
   contains
     procedure :: measure => line_motion
+    procedure :: course => line_course
     procedure :: curvature => line_curvature
   end type line_measure
 
@@ -45,6 +49,7 @@ module measures
   type, extends(line_measure), public :: elastic_measure
   contains
     procedure :: measure => elastic_motion
+    procedure :: course => elastic_course
   end type elastic_measure
 
 contains
@@ -107,6 +112,16 @@ contains
     end associate
   end subroutine difference_motion
 
+  !> Itself.
+  pure type(measure_course) function difference_course(self, p) result(course)
+    class(difference_measure), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(measured) :: now
+    call self%measure(p, now)
+    course%w(1) = now%rate
+    if (.not. self%angular) course%turning = self%spin(p)
+  end function difference_course
+
   !> Both turns from the carrier.
   pure subroutine turns_motion(self, p, now)
     class(turns_measure), intent(in) :: self
@@ -119,6 +134,15 @@ contains
     now%g = [0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp, -self%ratio]
     now%bias = 0.0_wp
   end subroutine turns_motion
+
+  !> Itself.
+  pure type(measure_course) function turns_course(self, p) result(course)
+    class(turns_measure), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(measured) :: now
+    call self%measure(p, now)
+    course%w(1) = now%rate
+  end function turns_course
 
   !> |r_a - r_b|, with the direction from b to a.
   pure subroutine distance_motion(self, p, now)
@@ -138,6 +162,15 @@ contains
     now%g = [e, 0.0_wp, -e, 0.0_wp]
     now%bias = (e(1)*u(2) - e(2)*u(1))**2/max(now%x, self%least)
   end subroutine distance_motion
+
+  !> The relative position.
+  pure type(measure_course) function distance_course(self, p) result(course)
+    class(distance_measure), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    course%w = p%v(:, self%ia) - p%v(:, self%ib)
+    course%turning = self%spin(p)
+    course%bend = 1/max(norm2(p%r(:, self%ia) - p%r(:, self%ib)), 2*self%least)   ! of a clearance's root: one over the gap
+  end function distance_course
 
   !> The direction turns, 1/x across it.
   pure subroutine circle_curvature(self, p, h)
@@ -169,6 +202,16 @@ contains
     end associate
   end subroutine line_motion
 
+  !> Itself.
+  pure type(measure_course) function line_course(self, p) result(course)
+    class(line_measure), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(measured) :: now
+    call self%measure(p, now)
+    course%w(1) = now%rate
+    course%turning = self%spin(p)
+  end function line_course
+
   !> The line turns with section b.
   pure subroutine line_curvature(self, p, h)
     class(line_measure), intent(in) :: self
@@ -194,4 +237,12 @@ contains
     now%rate = now%rate - now%g(6)*p%rate(self%ib)   ! g(6) is rounding: a is displaced along n
     now%g(6) = 0.0_wp
   end subroutine elastic_motion
+
+  !> Itself, which no motion of the body turns.
+  pure type(measure_course) function elastic_course(self, p) result(course)
+    class(elastic_measure), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    course = self%line_measure%course(p)
+    course%turning = 0.0_wp
+  end function elastic_course
 end module measures

@@ -11,8 +11,8 @@
 module contact_pair
   use kinds, only: wp
   use marker, only: marker_states, turn
-  use measure, only: measured, measure_model
-  use profile, only: no_piece, profile_foot, profile_model, profile_reach
+  use measure, only: measure_course, measure_model, measured
+  use profile, only: no_piece, profile_bends, profile_foot, profile_model, profile_reach
   use small_matrices, only: outer
   implicit none (type, external)
   private
@@ -27,6 +27,7 @@ module contact_pair
     logical :: by_angle = .false.          !! what it measures is the argument of the law where it touches
   contains
     procedure :: measure => pair_motion
+    procedure :: course => pair_course
     procedure :: curvature => pair_curvature
     procedure :: touching
     procedure :: sunk
@@ -128,6 +129,33 @@ contains
     now%x = at%angle
     now%rate = at%advance*dot_product(at%w, self%rates(p))
   end subroutine pair_motion
+
+  !> Of a roller its place as the profile's section sees it, a circle as the ground does; of a face how far it stands off, and its
+  !> turn.
+  pure type(measure_course) function pair_course(self, p) result(course)
+    class(pair_measure), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    type(profile_bends) :: bends
+    real(wp) :: e(2), u(2), n(2), c, s
+    course%turning = self%spin(p)
+    course%bend = huge(1.0_wp)
+    if (self%by_angle) return
+    bends = self%profile%bends(self%radius, self%flat)
+    course%bend = bends%bend
+    e = p%r(:, self%ia) - p%r(:, self%ib)
+    u = p%v(:, self%ia) - p%v(:, self%ib)
+    if (self%flat) then
+      n = [cos(p%angle(self%ia) + self%face), sin(p%angle(self%ia) + self%face)]
+      course%w = [dot_product(n, u) + p%rate(self%ia)*dot_product(turn(n), e), bends%lever*(p%rate(self%ia) - p%rate(self%ib))]
+    else if (self%profile%round) then
+      course%w = u
+    else
+      u = u - p%rate(self%ib)*turn(e)
+      c = cos(p%angle(self%ib))
+      s = sin(p%angle(self%ib))
+      course%w = [c*u(1) + s*u(2), c*u(2) - s*u(1)]
+    end if
+  end function pair_course
 
   !> The normal turns with a section and about the profile.
   pure subroutine pair_curvature(self, p, h)

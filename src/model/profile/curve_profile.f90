@@ -5,7 +5,7 @@
 module curve_profile
   use kinds, only: half_digits, pi, wp
   use marker, only: turn
-  use profile, only: no_piece, profile_foot, profile_model, profile_reach, profile_way
+  use profile, only: no_piece, profile_bends, profile_foot, profile_model, profile_reach, profile_way
   implicit none (type, external)
   private
 
@@ -49,11 +49,14 @@ module curve_profile
     real(wp), allocatable :: pace(:)         !! (arcs) largest |dc/du| [m/any]
     real(wp), allocatable :: length(:)       !! (0:arcs) of the curve up to these [m]
     real(wp), allocatable :: angle(:)        !! (0:arcs) of the normal there, without jumps [rad]
+    real(wp) :: curvatures(2) = 0.0_wp       !! least and largest one of the profile [1/m]
+    real(wp) :: slopes(2) = 0.0_wp           !! of the support p: largest |p'| and |p''| [m]
   contains
     procedure(place_at), deferred :: at
     procedure :: nearest => nearest_of_arcs
     procedure :: support => convex_support
     procedure :: way => way_along
+    procedure :: bends => curve_bends
     procedure :: outline => curve_outline
     procedure :: cut
     procedure :: examine
@@ -84,12 +87,14 @@ contains
     q = self%at(u(0), no_piece)
     self%ends(0) = q
     self%angle(0) = atan2(q%n(2), q%n(1))
+    self%curvatures = q%curvature/(1 - q%curvature*self%inset)
     do i = 1, size(u) - 1
       do k = 0, samples
         q = self%at(u(i - 1) + (u(i) - u(i - 1))*k/samples, no_piece)
         c(:, k) = q%c
         bend(k) = q%curvature
         speed(k) = q%speed
+        call widen(self, q)
       end do
       self%bend_rate(i) = 2*maxval(abs(bend(1:) - bend(:samples - 1)))*samples/(u(i) - u(i - 1))
       self%pace(i) = 2*maxval(speed)
@@ -101,6 +106,30 @@ contains
       self%angle(i) = self%angle(i - 1) + turned(self%ends(i - 1)%n, q%n)
     end do
   end subroutine cut
+
+  !> Takes a place into the bounds of curvature and support.
+  pure subroutine widen(self, q)
+    class(curve_model), intent(inout) :: self
+    type(curve_place), intent(in) :: q
+    associate (bend => q%curvature/(1 - q%curvature*self%inset), p => dot_product(q%c, q%n) - self%inset)
+      self%curvatures = [min(self%curvatures(1), bend), max(self%curvatures(2), bend)]
+      self%slopes(1) = max(self%slopes(1), abs(dot_product(q%c, turn(q%n))))
+      if (bend > 0.0_wp) self%slopes(2) = max(self%slopes(2), abs(1/bend - p))
+    end associate
+  end subroutine widen
+
+  !> Of its extreme curvatures where a roller touches it; of the support by the turn of a face.
+  pure type(profile_bends) function curve_bends(self, radius, flat) result(b)
+    class(curve_model), intent(in) :: self
+    real(wp), intent(in) :: radius           !! [m]
+    logical, intent(in) :: flat
+    if (flat) then
+      b%lever = maxval(self%slopes)
+      if (b%lever > 0.0_wp) b%bend = self%slopes(2)/b%lever**2
+    else
+      b%bend = maxval(abs(self%curvatures)/max(1 + self%curvatures*radius, half_digits))
+    end if
+  end function curve_bends
 
   !> Length of the curve between two places of an arc, by Gauss' rule.
   pure real(wp) function length_between(self, from, to, piece) result(length)   ! [m]

@@ -13,7 +13,7 @@ module pair_slip_measure
   use kinds, only: wp, pi
   use contact_pair, only: pair_measure, pair_touch
   use marker, only: marker_states, turn
-  use measure, only: measured
+  use measure, only: measure_course, measured
   use profile, only: circle_model, no_piece, profile_way
   use small_matrices, only: outer
   implicit none (type, external)
@@ -24,6 +24,7 @@ module pair_slip_measure
   type, extends(pair_measure), public :: pair_slip
   contains
     procedure :: measure => slip_motion
+    procedure :: course => slip_course
     procedure :: curvature => slip_curvature
     procedure :: go_round
     procedure, private :: slipping
@@ -105,6 +106,14 @@ contains
     now%rate = dot_product(now%g, v)
     now%bias = dot_product(v, matmul(bent(self, x), v))
   end subroutine slip_motion
+
+  !> Nothing bounds how it bends.
+  pure type(measure_course) function slip_course(self, p) result(course)
+    class(pair_slip), intent(in) :: self
+    type(marker_states), intent(in) :: p
+    course%turning = self%spin(p)
+    course%bend = huge(1.0_wp)
+  end function slip_course
 
   !> As the gradient turns.
   pure subroutine slip_curvature(self, p, h)

@@ -24,6 +24,12 @@ module profile
     real(wp) :: advance = 0.0_wp             !! of it with the direction [-]
   end type profile_reach
 
+  !> Bounds of what a follower sees of it.
+  type, public :: profile_bends
+    real(wp) :: bend = 0.0_wp                !! largest second derivative of the gap by the coordinates of what moves [1/m]
+    real(wp) :: lever = 0.0_wp               !! of a flat face: coordinate over turn, so that the gap changes no faster [m]
+  end type profile_bends
+
   !> The way along it up to a place.
   type, public :: profile_way
     real(wp) :: length = 0.0_wp              !! of the profile, along the normal's quarter turn [m]
@@ -40,6 +46,7 @@ module profile
     procedure(nearest_place), deferred :: nearest
     procedure(reach_of), deferred :: support
     procedure(way_up_to), deferred :: way
+    procedure(bends_of), deferred :: bends
     procedure(points_of), deferred :: outline
   end type profile_model
 
@@ -66,6 +73,13 @@ module profile
       real(wp), intent(in) :: n(2)           !! outward normal [-]
       real(wp), intent(in) :: piece          !! as of the nearest place [rad]
     end function way_up_to
+    !> Bounds for a roller that touches it or is farther away, or for a flat face.
+    pure type(profile_bends) function bends_of(self, radius, flat) result(b)
+      import :: profile_model, profile_bends, wp
+      class(profile_model), intent(in) :: self
+      real(wp), intent(in) :: radius         !! of the roller [m]
+      logical, intent(in) :: flat
+    end function bends_of
     !> Points all along it, for pictures.
     pure function points_of(self) result(c)
       import :: profile_model, wp
@@ -81,6 +95,7 @@ module profile
     procedure :: nearest => circle_nearest
     procedure :: support => circle_support
     procedure :: way => circle_way
+    procedure :: bends => circle_bends
     procedure :: outline => circle_outline
   end type circle_model
 
@@ -117,6 +132,14 @@ contains
     way%length = self%radius*way%angle
     way%round = 2*pi*self%radius
   end function circle_way
+
+  !> Of the distance from its centre; a face sees no turn of it.
+  pure type(profile_bends) function circle_bends(self, radius, flat) result(b)
+    class(circle_model), intent(in) :: self
+    real(wp), intent(in) :: radius           !! [m]
+    logical, intent(in) :: flat
+    if (.not. flat) b%bend = 1/max(abs(self%radius + radius), sqrt(tiny(1.0_wp)))
+  end function circle_bends
 
   !> Round about.
   pure function circle_outline(self) result(c)
