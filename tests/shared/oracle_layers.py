@@ -3,7 +3,7 @@
 The field is sampled at the Gauss points of an element and differentiated there; the layers are stacked from interface to interface.
 What condensation fixes (the shear of a bonded section, the part of u that makes the axial force constant) comes from the energies.
 Kinetic energy: of each layer 1/2 rho A |velocity of its middle|^2 + 1/2 rho I (spin)^2, less 1/2 thetadot^2 rho A s^2, s the
-displacement along the axis by the section's turn and the cores' angles: a section that turns is not stiffened by the spin.
+displacement along the axis less that of the section's centre of mass: a section that turns is not stiffened by the spin.
 """
 
 import numpy as np
@@ -209,6 +209,8 @@ class LayeredBody(Body):
         strain, curve = slope_of @ w, slope_of @ angles
         heights = self.heights(layers, base)
         self.slope.append(slope_of @ v @ local)
+        masses = np.array([layer["mass"] for layer in layers])
+        middle = np.einsum("l,lpi->pi", masses / masses.sum(), w)  # of the centre of mass
         cores = 0
         for number, layer in enumerate(layers):
             for k, weight in enumerate(weights):
@@ -216,7 +218,7 @@ class LayeredBody(Body):
                 self.weight.append(mass)
                 self.rest.append(start + points[k] * span + turn[:, 1] * heights[number])
                 self.shape.append(turn @ np.array([w[number, k], v[k]]) @ local)
-                self.shift.append((w[number, k] - u[k]) @ local)
+                self.shift.append((w[number, k] - middle[k]) @ local)
                 self.rotors.append(layer["turning"] * length * weight)
                 self.spin.append(angles[number, k] @ local)
                 if layer["drag_mass"]:

@@ -168,15 +168,17 @@ contains
     end subroutine add
   end subroutine add_rows
 
-  !> Integrals over the mass by Gauss' four points, which are exact (theory.md, sections 2 and 16).
+  !> Integrals over the mass by Gauss' four points, which are exact (theory.md, sections 2 and 16). The spin sees the motion of the
+  !> centre of mass alone: so the kinetic energy is a sum of squares.
   pure subroutine add_inertia(s, x)
     type(layered_section_model), intent(in) :: s
     type(layered_element_model), intent(inout) :: x
     real(wp), parameter :: points(2) = [0.339981043584856264802665759103_wp, 0.861136311594052575223946488893_wp]
     real(wp), parameter :: weights(2) = [0.652145154862546142626936050778_wp, 0.347854845137453857373063949222_wp]
-    real(wp), dimension(x%coordinates) :: u, v, turn, half_turn, w, shift, own, dv   ! rows [-], [m], [1/m]
+    real(wp), dimension(x%coordinates) :: u, v, turn, half_turn, w, shift, own   ! rows [-], [m], [1/m]
+    real(wp) :: middle(x%coordinates)          ! motion of the centre of mass along the axis [-]
     real(wp) :: xi, b, mass, inertia, m(x%coordinates, x%coordinates), r(x%coordinates, x%coordinates)
-    integer :: k, l, j, p, n
+    integer :: k, l, j, n
     n = x%coordinates
     allocate (x%m(n, n), x%j(n, n), x%z(n, n), x%c(n, n), x%s(2, n), x%along(n), x%turning(n), source=0.0_wp)
     half_turn = 0.0_wp                         ! (phi1 + phi2)/2
@@ -196,25 +198,24 @@ contains
       do j = 1, s%cores
         u(6 + 3*j) = -b*s%axis_arm(j)
       end do
+      middle = 0.0_wp
+      do l = 1, size(s%layers)
+        middle = middle + s%layers(l)%density*s%layers(l)%area*moved(l)
+      end do
+      middle = middle/sum(s%layers%density*s%layers%area)
       do l = 1, size(s%layers)
         associate (layer => s%layers(l))
           mass = layer%density*layer%area*x%length*0.5_wp*weights(1 + mod(k, 2))
           inertia = layer%density*layer%turning*x%length*0.5_wp*weights(1 + mod(k, 2))
-          shift = -layer%height*turn
           own = turn
-          do j = 1, s%cores
-            p = 6 + 3*j
-            dv = 0.0_wp
-            dv(p - 2:p) = [1 - xi, xi, b]
-            shift = shift + s%arm(l, j)*dv
-            if (layer%core == j) own = own - dv
-          end do
-          w = u + shift
-          m = mass*(outer(u, u) + outer(u, shift) + outer(shift, u) + outer(v, v))
+          if (layer%core > 0) own = own - angle(layer%core)
+          w = moved(l)
+          shift = w - middle
+          m = mass*(outer(middle, middle) + outer(v, v))
           r = mass*outer(shift, shift) + inertia*outer(own, own)
           x%m = x%m + m
           x%j = x%j + r
-          x%c = x%c + layer%ray_m*(m + r)
+          x%c = x%c + layer%ray_m*(mass*(outer(w, w) + outer(v, v)) + inertia*outer(own, own))
           x%z = x%z + mass*(outer(w, v) - outer(v, w))
           x%s(1, :) = x%s(1, :) + mass*w
           x%s(2, :) = x%s(2, :) + mass*v
@@ -226,6 +227,25 @@ contains
         end associate
       end do
     end do
+  contains
+    !> Motion along the axis of a layer's middle.
+    pure function moved(layer) result(w)       ! [-]
+      integer, intent(in) :: layer
+      real(wp) :: w(n)
+      integer :: j
+      w = u - s%layers(layer)%height*turn
+      do j = 1, s%cores
+        w = w + s%arm(layer, j)*angle(j)
+      end do
+    end function moved
+
+    !> Shear angle of a core.
+    pure function angle(core) result(g)        ! [-]
+      integer, intent(in) :: core
+      real(wp) :: g(n)
+      g = 0.0_wp
+      g(4 + 3*core:6 + 3*core) = [1 - xi, xi, b]
+    end function angle
   end subroutine add_inertia
 
   !> a b^T.
