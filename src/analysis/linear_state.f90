@@ -21,11 +21,10 @@ module linear_state
   use mechanism_ode, only: mechanism_system
   use scene_run, only: run_state
   use summary, only: weak_frames
-  use summary_text, only: summary_record
-  use validity, only: validity_watch
   implicit none (type, external)
   private
-  public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium, warn_of_motion, largest_acceleration
+  public :: linear_system, linear_system_with, evaluate_state, refuse_uneven, at_equilibrium, largest_acceleration
+  public :: elastic_rounding, on_masses
 
   real(wp), parameter :: cancelled = 256*epsilon(1.0_wp)    !! what sums of elastic forces leave of zero [-]
   real(wp), parameter :: rounding = sqrt(epsilon(1.0_wp))   !! accelerations that are nothing beside those without joints [-]
@@ -72,57 +71,52 @@ contains
     type(run_state), intent(in) :: run
     associate (ev => run%sys%ev, nq => run%sys%m%s%nq)
       yes = .not. any(abs(run%y(nq + 1:2*nq)) > 0.0_wp)
-      if (yes .and. maxval(abs(ev%a)) > least_acceleration(run)) yes = all_is_rounding(run)
+      if (yes .and. maxval(abs(ev%a)) > least_acceleration(run)) yes = sqrt(on_masses(run, ev%a)) <= elastic_rounding(run)
     end associate
   end function at_equilibrium
 
-  !> Whether the accelerations, by their forces on the masses, are no more than what rounding leaves of elastic forces.
-  pure logical function all_is_rounding(run) result(yes)
+  !> The square of accelerations, weighed by the masses as rates are in twice the kinetic energy.
+  pure real(wp) function on_masses(run, x) result(total)   ! [N2/kg]
     type(run_state), intent(in) :: run
-    real(wp) :: moving, noise                       ! squares over the masses [N2/kg]
-    real(wp), allocatable :: force(:), mass(:)      ! [N, N m], [kg, kg m2]
+    real(wp), intent(in) :: x(:)                    !! (nq) [m/s2, rad/s2]
+    real(wp) :: force(maxval(run%sys%m%s%bodies%nf))   ! [N, N m]
     real(wp) :: a(2)                                ! [m/s2]
-    integer :: b, k
-    moving = 0.0_wp
-    noise = 0.0_wp
+    integer :: b
+    total = 0.0_wp
     do b = 1, size(run%sys%m%s%bodies)
-      associate (body => run%sys%m%s%bodies(b), i => run%sys%m%s%qo(b), x => run%sys%ev%a)
+      associate (body => run%sys%m%s%bodies(b), i => run%sys%m%s%qo(b))
         a = run%sys%ev%frame%to_body(b, x(i + 1:i + 2))
-        moving = moving + body%mass*dot_product(a, a) + body%i11*x(i + 3)**2 + &
-                 2*x(i + 3)*(body%i1(1)*a(2) - body%i1(2)*a(1))
+        total = total + body%mass*dot_product(a, a) + body%i11*x(i + 3)**2 + 2*x(i + 3)*(body%i1(1)*a(2) - body%i1(2)*a(1))
         if (.not. body%flexible) cycle
-        associate (xf => x(i + 4:i + 3 + body%nf), op => body%op, q => run%y(i + 4:i + 3 + body%nf))
-          allocate (force(body%nf), mass(body%nf))
-          call mass_product(op, xf, force)
-          moving = moving + dot_product(xf, force + 2*matmul(body%shape%sbar, a) + 2*x(i + 3)*body%shape%c0)
-          force = 0.0_wp
-          call add_product(op%symmetric, abs(op%k), abs(q), force)
-          mass = [(op%m(op%symmetric%entry(k, k)) + op%j(op%symmetric%entry(k, k)), k=1, body%nf)]
-          noise = noise + sum(force**2/mass)
-          deallocate (force, mass)
+        associate (xf => x(i + 4:i + 3 + body%nf), f => force(:body%nf))
+          call mass_product(body%op, xf, f)
+          total = total + dot_product(xf, f + 2*matmul(body%shape%sbar, a) + 2*x(i + 3)*body%shape%c0)
         end associate
       end associate
     end do
-    yes = sqrt(max(moving, 0.0_wp)) <= cancelled*sqrt(noise)
-  end function all_is_rounding
+    total = max(total, 0.0_wp)
+  end function on_masses
 
-  !> Warns of limits of the model that the present state passes, as after a static analysis, and where it is at rest but no
-  !> equilibrium: its stiffness lacks the forces that are not yet built up.
-  subroutine warn_of_motion(run, text)
+  !> What rounding leaves of elastic forces, weighed likewise, its root.
+  pure real(wp) function elastic_rounding(run) result(noise)   ! [N/kg^.5]
     type(run_state), intent(in) :: run
-    type(summary_record), intent(inout) :: text     !! the summary
-    type(validity_watch) :: watch
-    associate (s => run%sys%m%s)
-      if (.not. run%d%static%present) then
-        call watch%begin(run%sys%m)
-        call watch%note(run%sys%m, run%sys%ev, run%y(1:s%nq), run%y(s%nq + 1:2*s%nq))
-        call text%warn(watch%warnings(run%sys%m, run%sys%ev, 'in the linearised state '))
-      end if
-      if (any(abs(run%y(s%nq + 1:2*s%nq)) > 0.0_wp) .or. s%rows == s%nq .or. at_equilibrium(run)) return
-    end associate
-    call text%warn('the state about which modes and responses are computed is no equilibrium (it would accelerate from rest): '// &
-              'they are those of the frozen instant; &static finds the equilibrium')
-  end subroutine warn_of_motion
+    real(wp) :: force(maxval(run%sys%m%s%bodies%nf))   ! [N, N m]
+    integer :: b, k
+    noise = 0.0_wp
+    do b = 1, size(run%sys%m%s%bodies)
+      associate (body => run%sys%m%s%bodies(b), i => run%sys%m%s%qo(b))
+        if (.not. body%flexible) cycle
+        associate (op => body%op, q => run%y(i + 4:i + 3 + body%nf), f => force(:body%nf))
+          f = 0.0_wp
+          call add_product(op%symmetric, abs(op%k), abs(q), f)
+          do k = 1, body%nf
+            noise = noise + f(k)**2/(op%m(op%symmetric%entry(k, k)) + op%j(op%symmetric%entry(k, k)))
+          end do
+        end associate
+      end associate
+    end do
+    noise = cancelled*sqrt(noise)
+  end function elastic_rounding
 
   !> Gravity, or what frames would do without joints.
   pure real(wp) function largest_acceleration(run) result(a)

@@ -7,7 +7,8 @@ module modal_analysis
   use errors, only: failure, status_failed
   use held_friction, only: tell_friction
   use loop_analysis, only: run_loops
-  use linear_state, only: linear_system, refuse_uneven, warn_of_motion
+  use linear_state, only: linear_system, refuse_uneven
+  use present_state, only: warn_of_motion
   use mode_file, only: write_modes, mode_figures
   use material_band, only: outside_band
   use mode_list, only: say_what_is_missing, mode_set, vibration_mode
@@ -31,12 +32,13 @@ contains
     type(mode_set) :: modes
     character(:), allocatable :: words
     logical :: ok, failed
+    logical :: frozen                             ! modes are those of an instant
     call remove_own(run%folder//'/modes.txt')
     call run%sys%hold_rows(run%y, run%d%modal%friction /= 'held')
     call linear_system(run, ds, loops)
     call refuse_uneven(run, 'modal analysis', status_failed, fail)
     if (fail%happened()) return
-    call warn_of_motion(run, text)
+    call warn_of_motion(run, text, frozen)
     call find_modes(ds, run%d%modal%modes, modes, ok)
     call stop_if_signalled('modal analysis', fail)
     if (.not. ok) then
@@ -44,7 +46,7 @@ contains
                       'present state is not fit for it (check masses and static state)')
       return
     end if
-    call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), modes, failed)
+    call write_modes(run%folder//'/modes.txt', run%d%name, run%sys%m, run%sys%ev, run%y(1:run%sys%m%s%nq), modes, frozen, failed)
     if (failed) call no_output(run, fail)
     call modal_lines(run, modes, ds, text)
     associate (f => abs(modes%lambda(:modes%count)%im)/(2*pi), damped => modes%kind(:modes%count) == vibration_mode)

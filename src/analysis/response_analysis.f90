@@ -7,7 +7,8 @@ module response_analysis
   use dynamic_stiffness, only: stiffness_system
   use errors, only: failure, status_failed
   use held_friction, only: tell_friction
-  use linear_state, only: linear_system, refuse_uneven, warn_of_motion
+  use linear_state, only: linear_system, refuse_uneven
+  use present_state, only: warn_of_motion
   use linearisation, only: marker_jacobian
   use loop_analysis, only: tell_limits
   use material_band, only: outside_band
@@ -36,7 +37,7 @@ contains
     real(wp), allocatable :: now(:)
     integer :: k
     real(wp) :: f
-    logical :: exists
+    logical :: exists, frozen
     call run%sys%hold_rows(run%y, run%d%response%friction /= 'held')
     call linear_system(run, ds, loops)
     call refuse_uneven(run, 'frequency response', status_failed, fail)
@@ -69,7 +70,7 @@ contains
                    [real(wp) :: k - 1, ds%solver%memory()/1024])
     call text%close()
     if (.not. run%d%modal%present) then
-      call warn_of_motion(run, text)
+      call warn_of_motion(run, text, frozen)
       call tell_limits(run, text)
     end if
     call text%warn(outside_band(run, 'frequencies of the response', [(frequency(run, k), k=1, run%d%response%points)]))

@@ -22,17 +22,19 @@ module mode_file
 contains
 
   !> Writes the whole file.
-  subroutine write_modes(path, deck_name, m, ev, q, modes, failed)
+  subroutine write_modes(path, deck_name, m, ev, q, modes, frozen, failed)
     character(*), intent(in) :: path, deck_name
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: q(:)              !! (nq) the state about which the modes are [m, rad]
     type(mode_set), intent(in) :: modes
+    logical, intent(in) :: frozen             !! the state does not stay: they are those of an instant
     logical, intent(out) :: failed
     type(result_file) :: file
     integer :: k
     call file%open(path)
     call file%head('modes about the present state', deck_name, m%s%title)
+    if (frozen) call file%line('# of the frozen instant: the state accelerates, or its coefficients change with the turn')
     call file%line('# kind: 0 undamped mode (at E_R), 1 its vibration with damping, 2 further oscillating pole of GHM, '// &
                    '3 real pole (over-damped)')
     call file%line('# mode: of kind 1 the undamped mode from which it follows while the damping grows; of kinds 2 and 3, which '// &

@@ -322,3 +322,67 @@ def test_sections_of_one_layer_are_not_called_layers(run_deck):
 """)
     assert "layers" not in run.stderr
     assert 'body "f" has a section that is as thick as' in run.stderr
+
+
+FROZEN = "of the frozen instant"
+ROTOR = """&body name='hub' mass=1.0 inertia=0.1 angular_velocity=20.0 /
+&body name='arm' mass=1.0 inertia=0.1 position=0.5,0.0 velocity=0.0,10.0 angular_velocity={arm} /
+&joint name='p' type='revolute' body_a='hub' /
+&joint name='w' type='{joint}' body_a='arm' body_b='hub' point_b=0.5,0.0 /
+&history name='w' coefficients=20.0 /
+&drive name='d' type='rotation' body_a='hub' history='w' rate=.true. /
+&body name='bob' mass=0.2 inertia=0.01 position=1.0,0.0 velocity=0.0,20.0 angular_velocity=20.0 /
+&joint name='g' type='prismatic' body_a='bob' body_b='hub' point_b=1.0,0.0 /
+&spring name='k' type='linear' body_a='bob' body_b='hub' point_b=1.0,0.0 stiffness=1.0e4 free_length=0.0 /
+{more}
+&modal modes=2 /
+"""
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"arm": 20.0, "joint": "weld", "more": "&static /"}, ""),
+        ({"arm": 20.0, "joint": "weld", "more": ""}, "accelerates"),  # the bob is not yet where its spring holds it
+        ({"arm": 0.0, "joint": "revolute", "more": ""}, "accelerates"),
+    ],
+)
+def test_a_steady_turn_is_not_warned_of_and_what_accelerates_is(run_deck, values, told):
+    run = run_deck(ROTOR.format(**values))
+    assert (FROZEN in run.stderr) == bool(told)
+    assert told in run.stderr
+    assert (FROZEN in (run.folder / "modes.txt").read_text(encoding="utf-8")) == bool(told)
+
+
+@pytest.mark.parametrize("turning", [0.0, 30.0])
+@pytest.mark.parametrize("analysis", ["&modal modes=2 /", "&frequency_response from=1.0 to=2.0 points=2 input='f' /"])
+def test_coefficients_that_change_with_the_turn_are_told(run_deck, turning, analysis):
+    """A disc with two unlike stiffnesses in turning axes, on a slide that does not turn: Mathieu's kind of equation."""
+    run = run_deck(f"""&body name='slide' mass=1.0 inertia=0.1 /
+&joint name='s' type='prismatic' body_a='slide' direction=0.0 /
+&spring name='k' type='linear' body_a='slide' point_b=-1.0,0.0 stiffness=1000.0 /
+&body name='disc' mass=1.0 inertia=0.1 angular_velocity={turning} /
+&joint name='p' type='revolute' body_a='disc' body_b='slide' /
+&history name='w' coefficients={turning} /
+&drive name='d' type='rotation' body_a='disc' body_b='slide' history='w' rate=.true. /
+&body name='bob' mass=0.1 inertia=0.01 position=0.0,0.0 angular_velocity={turning} /
+&joint name='g' type='prismatic' body_a='bob' body_b='disc' direction=0.3 /
+&spring name='c' type='linear' body_a='bob' point_a=0.0,0.1 body_b='disc' point_b=0.0,0.1 stiffness=500.0 free_length=0.0 damping=1.0 /
+&force name='f' type='force' body='slide' fx=1.0 stage='transient' /
+&sensor name='x' quantity='position' body='slide' /
+{analysis}
+""")
+    assert ("change with the turn" in run.stderr) == (turning > 0.0)
+
+
+def test_a_stiffened_link_that_spins_has_constant_coefficients(run_deck):
+    run = run_deck("""&material name='m' density=2700.0 young=7.0e10 /
+&section name='s' shape='rectangle' width=0.02 height=0.01 /
+&body name='b' kind='beam' length=1.0 elements=6 section='s' material='m' reference='clamped' stiffening=.true. angular_velocity=40.0 /
+&joint name='p' type='revolute' body_a='b' node_a=1 /
+&history name='w' coefficients=40.0 /
+&drive name='d' type='rotation' body_a='b' history='w' rate=.true. /
+&static /
+&modal modes=3 /
+""")
+    assert run.stderr == ""
