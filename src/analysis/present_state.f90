@@ -1,5 +1,5 @@
-!> What the state is about which modes and responses are computed, and warnings where they are not those of its motion: it passes
-!> limits of the model, it is no equilibrium, it accelerates, or it turns steadily and the coefficients of its equations turn with it.
+!> What the state is about which modes and responses are computed, and warnings where they are not those of its motion (theory.md,
+!> section 9): it passes limits of the model, it is no equilibrium, it accelerates, or its coefficients change with a steady turn.
 module present_state
   use kinds, only: wp
   use dynamic_stiffness, only: stiffness_system
@@ -81,9 +81,8 @@ contains
     end associate
   end function steady
 
-  !> How much what a load moves differs at other places of a steady turn from what it moves at this one, from the dynamic stiffness
-  !> with its joints at a complex frequency as high as the turn: bodies' unknowns are in their own axes, so that it is the same where
-  !> the coefficients are constant.
+  !> How much what a load moves differs at other places of a steady turn from what it moves at this one, by the dynamic stiffness on
+  !> the joints at a complex frequency as high as the turn. Bodies' unknowns are in their own axes: constant coefficients move alike.
   real(wp) function largest_change(run) result(change)   ! [-]
     type(run_state), intent(inout) :: run
     type(stiffness_system) :: ds

@@ -100,11 +100,20 @@ contains
     integer, intent(in) :: status              !! of the run
     type(summary_record), intent(inout) :: text
     character(:), allocatable :: warnings, coarse
+    real(wp) :: share(size(run%sys%m%s%bodies))   ! [-]
+    integer :: b
+    do b = 1, size(share)
+      share(b) = run%watch%left_out(run%sys%m, b)
+    end do
+    b = maxloc(share, 1)
+    if (share(b) > 0.0_wp .and. status /= status_failed) call text%line('  validity: the linear deflections of body "'// &
+      '{left_out_of='//trim(run%sys%m%s%bodies(b)%name)//'}" leave out about {left_out_percent} % of the '// &
+      'largest one (shortening, turns, loads along the axis)', [100*share(b)])
     warnings = run%watch%warnings(run%sys%m, run%sys%ev, '')//motion_outside_band(run)
     coarse = run%watch%too_coarse(run%sys%m, run%sys%ev)
     call text%warn(warnings, outside=.true.)
     call text%warn(coarse)
     if (len(warnings//coarse) > 0 .or. status == status_failed) return
-    call text%line('  validity: deflections, spins and excited frequencies stay within what the model can tell')
+    call text%line('  validity: spins and excited frequencies stay within what the model can tell')
   end subroutine validity_lines
 end module transient_summary

@@ -14,7 +14,7 @@ module axial_loads
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: begin_axial, note_axial, critical_shares
+  public :: axial_forces_of, begin_axial, note_axial, critical_shares
 
   integer, parameter, public :: pressed = 1, pulled = 2
   integer, parameter :: mean = 3
@@ -76,6 +76,15 @@ contains
     end do
     self%latest = ev%t
   end subroutine note_axial
+
+  !> The present axial forces of a body's elements.
+  pure function axial_forces_of(self, b, elements) result(n)
+    type(axial_watch), intent(in) :: self
+    integer, intent(in) :: b                         !! body, one that is watched
+    integer, intent(in) :: elements                  !! how many it has
+    real(wp) :: n(elements)                          !! [N]
+    n = self%worst(self%before(b) + 1:self%before(b) + elements, mean)
+  end function axial_forces_of
 
   !> What a state after some time counts in the mean; all of the first one, and of an equilibrium.
   pure real(wp) function part_of(b, time) result(part)   ! [-]

@@ -2,8 +2,9 @@
 !> the first bending frequency unless stiffening is on, motion that the mesh or the modes can carry.
 module validity
   use kinds, only: wp, pi
-  use axial_loads, only: axial_watch, begin_axial, critical_shares, note_axial, pressed, pulled
+  use axial_loads, only: axial_forces_of, axial_watch, begin_axial, critical_shares, note_axial, pressed, pulled
   use banded, only: band_factor, band_solve
+  use beam_element, only: geometric_stiffness
   use body, only: body_model
   use elastic_operators, only: factor_entries, mass_product
   use evaluation_results, only: evaluation
@@ -23,12 +24,14 @@ module validity
   real(wp), parameter :: part_period = 1/(1 - 1/(4*pi))   !! mean squares over a period and a part of the next one err by this [-]
 
   !> Figures of every body: its largest deflection [m], section rotation [rad] and spin [rad/s], the sums of squared elastic
-  !> rates and accelerations, whose ratio is the squared frequency of the elastic motion, and the largest angle of a core [rad].
+  !> rates and accelerations, whose ratio is the squared frequency of the elastic motion, the largest angle of a core [rad], and
+  !> those of second order: shortening [m], work of axial forces on it and strain energy in bending [J].
   integer, parameter :: deflection = 1, rotation = 2, spin = 3, rates = 4, accelerations = 5, slip = 6
+  integer, parameter :: shortening = 7, axial_work = 8, bending = 9
 
   !> The watch.
   type :: validity_watch
-    real(wp), allocatable :: figures(:, :)           !! (6, nb), part of a checkpoint [m, rad, rad/s; m2/s2, m2/s4; rad]
+    real(wp), allocatable :: figures(:, :)           !! (9, nb), part of a checkpoint [m, rad, rad/s; m2/s2, m2/s4; rad; m, J, J]
     type(axial_watch) :: axial
     real(wp), allocatable :: weight(:)               !! (nq) of each elastic rate: rotations count times half an element [m2]
   contains
@@ -37,6 +40,7 @@ module validity
     procedure :: warnings
     procedure :: too_coarse
     procedure :: elastic_frequency
+    procedure :: left_out
   end type validity_watch
 
 contains
@@ -47,7 +51,7 @@ contains
     type(mechanism_model), intent(in) :: m
     integer :: b
     if (allocated(self%figures)) deallocate (self%figures)
-    allocate (self%figures(6, size(m%s%bodies)), source=0.0_wp)
+    allocate (self%figures(9, size(m%s%bodies)), source=0.0_wp)
     call begin_axial(self%axial, m)
     self%weight = [(1.0_wp, b=1, m%s%nq)]
     do b = 1, size(m%s%bodies)
@@ -78,6 +82,7 @@ contains
           f(rotation) = max(f(rotation), abs(u(3)))
         end do
         f(spin) = max(f(spin), abs(v(i)))
+        if (.not. body%stiffening) call note_second_order(body, q(i + 1:i + n), axial_forces_of(self%axial, b, body%ne), f)
         if (size(body%dof, 1) > 3) f(slip) = max(f(slip), largest_slip(body, q(i + 1:i + n)))
         do k = 1, n
           f(rates) = f(rates) + self%weight(i + k)*v(i + k)**2
@@ -86,6 +91,43 @@ contains
       end associate
     end do
   end subroutine note
+
+  !> Adds the shortening of a bent body, and what axial forces do on it.
+  pure subroutine note_second_order(body, q, n, f)
+    type(body_model), intent(in) :: body
+    real(wp), intent(in) :: q(:)                     !! (nf) [m, rad]
+    real(wp), intent(in) :: n(:)                     !! (ne) axial forces [N]
+    real(wp), intent(inout) :: f(:)                  !! figures of the body
+    real(wp) :: a(size(body%edof, 1)), parts(3)      ! [m, rad], [J]
+    real(wp) :: shorter, whole, work                 ! [m], [m], [J]
+    integer :: e
+    whole = 0.0_wp
+    work = 0.0_wp
+    do e = 1, body%ne
+      a = body%basis%element_coordinates(body, e, q)
+      shorter = 0.5_wp*dot_product(a(:6), matmul(geometric_stiffness(body%elements(e), 1.0_wp), a(:6)))
+      whole = whole + shorter
+      work = work + n(e)*shorter
+    end do
+    parts = body%basis%strain_parts(body, q)
+    f(shortening) = max(f(shortening), whole)
+    f(axial_work) = max(f(axial_work), abs(work))
+    f(bending) = max(f(bending), 0.5_wp*sum(parts(2:)))
+  end subroutine note_second_order
+
+  !> About what the linear model of a body leaves out of its motion, over its largest deflection: the shortening that goes with it,
+  !> the third order of its turns, and what axial forces take or give of its bending stiffness.
+  pure real(wp) function left_out(self, m, b) result(share)   ! [-]
+    class(validity_watch), intent(in) :: self
+    type(mechanism_model), intent(in) :: m
+    integer, intent(in) :: b                         !! index of the body
+    share = 0.0_wp
+    associate (f => self%figures(:, b))
+      if (.not. f(deflection) > least_vibration*m%s%bodies(b)%length) return
+      share = f(shortening)/f(deflection) + f(rotation)**2/6
+      if (f(bending) > 0.0_wp) share = share + f(axial_work)/f(bending)
+    end associate
+  end function left_out
 
   !> The largest angle of a core at a node.
   pure real(wp) function largest_slip(body, q) result(largest)   ! [rad]
