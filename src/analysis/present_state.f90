@@ -81,8 +81,8 @@ contains
     end associate
   end function steady
 
-  !> How much what a load moves differs at other places of a steady turn from what it moves at this one, by the dynamic stiffness on
-  !> the joints at a complex frequency as high as the turn. Bodies' unknowns are in their own axes: constant coefficients move alike.
+  !> How much what a load moves differs at other places of a steady turn from what it moves here, by the dynamic stiffness on
+  !> the joints at a complex frequency as high as the turn. Unknowns are in the bodies' own axes: constant coefficients move alike.
   real(wp) function largest_change(run) result(change)   ! [-]
     type(run_state), intent(inout) :: run
     type(stiffness_system) :: ds

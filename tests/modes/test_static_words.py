@@ -367,7 +367,7 @@ def test_coefficients_that_change_with_the_turn_are_told(run_deck, turning, anal
 &drive name='d' type='rotation' body_a='disc' body_b='slide' history='w' rate=.true. /
 &body name='bob' mass=0.1 inertia=0.01 position=0.0,0.0 angular_velocity={turning} /
 &joint name='g' type='prismatic' body_a='bob' body_b='disc' direction=0.3 /
-&spring name='c' type='linear' body_a='bob' point_a=0.0,0.1 body_b='disc' point_b=0.0,0.1 stiffness=500.0 free_length=0.0 damping=1.0 /
+&spring name='c' type='linear' body_a='bob' point_a=0.0,0.1 body_b='disc' point_b=0.0,0.1 stiffness=500.0 free_length=0.0 /
 &force name='f' type='force' body='slide' fx=1.0 stage='transient' /
 &sensor name='x' quantity='position' body='slide' /
 {analysis}
@@ -378,7 +378,7 @@ def test_coefficients_that_change_with_the_turn_are_told(run_deck, turning, anal
 def test_a_stiffened_link_that_spins_has_constant_coefficients(run_deck):
     run = run_deck("""&material name='m' density=2700.0 young=7.0e10 /
 &section name='s' shape='rectangle' width=0.02 height=0.01 /
-&body name='b' kind='beam' length=1.0 elements=6 section='s' material='m' reference='clamped' stiffening=.true. angular_velocity=40.0 /
+&body name='b' kind='beam' length=1.0 elements=6 section='s' material='m' stiffening=.true. angular_velocity=40.0 /
 &joint name='p' type='revolute' body_a='b' node_a=1 /
 &history name='w' coefficients=40.0 /
 &drive name='d' type='rotation' body_a='b' history='w' rate=.true. /

@@ -97,7 +97,7 @@ contains
     type(body_model), intent(in) :: body
     real(wp), intent(in) :: q(:)                     !! (nf) [m, rad]
     real(wp), intent(in) :: n(:)                     !! (ne) axial forces [N]
-    real(wp), intent(inout) :: f(:)                  !! figures of the body
+    real(wp), intent(inout) :: f(:)                  !! (9) figures of the body [m, rad, rad/s; m2/s2, m2/s4; rad; m, J, J]
     real(wp) :: a(size(body%edof, 1)), parts(3)      ! [m, rad], [J]
     real(wp) :: shorter, whole, work                 ! [m], [m], [J]
     integer :: e
