@@ -210,7 +210,7 @@ contains
   end function layer_turn
 
   !> Forces along and across the element per length, and the moment about the node line per length: weight, inertia and Rayleigh
-  !> damping by the mass. Of the layers' own shift the spin knows no inertia (theory.md, section 16).
+  !> damping by the mass. Of layers' shift against the centre of mass the spin knows no inertia (theory.md, section 16).
   pure function loads(b, e, motion) result(load)
     type(body_model), intent(in) :: b
     integer, intent(in) :: e                  !! element
@@ -218,6 +218,7 @@ contains
     real(wp) :: load(0:load_degree, 3)        !! [N/m], [N]
     type(displacement_field) :: q, v, damped, acceleration
     real(wp), dimension(0:load_degree) :: x, y, w, ax, ay, drag   ! undeformed place, q along [m], accelerations, of damping [m/s2]
+    real(wp) :: middle(0:load_degree)         ! motion of the centre of mass along [m]
     real(wp) :: a(2), start(2), density       ! element axes [m/s2], [m], [kg/m]
     integer :: l
     q = field_of(b, e, motion%q)
@@ -229,6 +230,11 @@ contains
     load = 0.0_wp
     x = motion%place*[start(1), b%elements(e)%length, 0.0_wp, 0.0_wp]
     associate (s => b%layers%sections(b%layers%kinds(b%layers%kind(e))%section))
+      middle = 0.0_wp
+      do l = 1, size(s%layers)
+        middle = middle + s%layers(l)%density*s%layers(l)%area*layer_along(q, s, l)
+      end do
+      middle = middle/sum(s%layers%density*s%layers%area)
       do l = 1, size(s%layers)
         associate (layer => s%layers(l))
           density = layer%density*layer%area
@@ -241,7 +247,7 @@ contains
           drag = layer%ray_m*layer_along(damped, s, l)
           load(:, 1) = load(:, 1) - density*(ax + drag)
           load(:, 2) = load(:, 2) - density*(ay + layer%ray_m*damped%v)
-          ax = ax + motion%centrifugal*(w - q%u)
+          ax = ax + motion%centrifugal*(w - middle)
           load(:, 3) = load(:, 3) + density*layer%height*(ax + drag)
           ax = layer_turn(acceleration, s, l) + layer%ray_m*layer_turn(damped, s, l)
           ax(0) = ax(0) + motion%place*motion%turn
