@@ -40,6 +40,8 @@ def test_a_shipped_deck_runs_and_balances_its_energy(run_deck, shortened, name):
     expected = [told] if coarse else [stout] if name in ("engine", "quick_return") else []
     if name in ("crank_at_speed", "warm_pump"):  # pistons pull and push their rods by more than a third of the critical load
         expected = [rf'.*\.nml: warning: body "rod" is {word} along its axis by .*' for word in ("pressed", "pulled")]
+    if name == "spin_up_without_stiffening":
+        expected = [r".*\.nml: warning: step=4e-4 s is too large where bodies bend as far as the model holds; .*"]
     lines = done.stderr.splitlines()
     assert len(lines) == len(expected)
     assert all(re.fullmatch(*pair) for pair in zip(expected, lines))

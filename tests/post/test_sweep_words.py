@@ -80,7 +80,10 @@ MANY = PARAMETER + f"values = {[1.0] * 2000}\n"
         ),
         (f"deck = 'a.nml'\n{PARAMETER}expression = '2.0'\n{RESULT}", "expression: expected in the deck, &parameter name='...'"),
         (f"deck = 'a.nml'\n[[parameter]]\nname = 'h'\nvalues = [1.0, 'a']\n{RESULT}", "parameter h: numbers expected; words go to"),
-        (f"deck = 'a.nml'\n{MANY}{MANY.replace('h', 'w', 1)}{RESULT}", "design = 'grid': the parameters' values make more than"),
+        (
+            f"deck = 'a.nml'\n{MANY}{MANY.replace('h', 'w', 1).replace('strip/height', 'strip/width')}{RESULT}",
+            "design = 'grid': the parameters' values make more than",
+        ),
         (f"deck = 'a.nml'\ndesign = 'latin_hypercube'\nsamples = 10_000_000\n{VALUES}{RESULT}", "samples = 10000000: at most"),
         (f"deck = 'a.nml'\n[[parameter]]\nname = '2h'\nvalues = [1.0]\n{RESULT}", "name = '2h': a word of letters, digits and _"),
         (f"deck = 'a.nml'\n[[parameter]]\nname = 'h'\nset = 'strip'\nvalues = [1.0]\n{RESULT}", "set: 'strip': 'group/name/var"),

@@ -77,7 +77,8 @@ def test_no_allocation_and_no_factorisation_in_a_step(biela, counters, tmp_path,
         pytest.skip("the checked build makes temporary arrays")
     runs = (SCENES[name](scenes.transient(STEP, n, method, every=n // 20)) for n in (1000, 9000))
     short, long = (counts(biela, counters, tmp_path, deck) for deck in runs)
-    assert abs(long[0] - short[0]) < 400  # the words of the two summaries may differ; 8,000 steps in nothing
+    # 8,000 steps differ in nothing; words of the two summaries do, and what the end asks of the loads along bodies
+    assert abs(long[0] - short[0]) < 1000
     assert long[1] == short[1]
     assert short[0] > 0
     assert short[1] >= FLEXIBLE[name]

@@ -97,8 +97,8 @@ contains
       asked = t%accuracy
       if (.not. asked > 0.0_wp .and. p%own_tolerance) asked = p%tolerance
       if (cycle%share > 0.0_wp) then
-        call text%line('  errors, by '//to_text(cycle%other%steps)//' steps beside these: of the start {error 1} of the '// &
-                       'ranges', [cycle%start_error])
+        call text%line('  errors, by {error_steps #} steps beside these: of the start {error 1} of the ranges', &
+                       [real(wp) :: cycle%other%steps, cycle%start_error])
         if (p%free_period) call text%line('  error of the period: {period_error 1} s', [cycle%period_error])
       else
         call text%line('  errors are not known: with other numbers of steps no cycle was found')

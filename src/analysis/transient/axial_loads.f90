@@ -14,7 +14,7 @@ module axial_loads
   use triplets, only: triplet_matrix
   implicit none (type, external)
   private
-  public :: axial_forces_of, begin_axial, note_axial, critical_shares
+  public :: axial_force_of, begin_axial, note_axial, critical_shares
 
   integer, parameter, public :: pressed = 1, pulled = 2
   integer, parameter :: mean = 3
@@ -27,6 +27,10 @@ module axial_loads
     real(wp), allocatable :: worst(:, :)             !! (elements of all bodies, 3), part of a checkpoint [N]
     real(wp) :: latest = 0.0_wp                      !! time of the last state, likewise [s]
     integer, allocatable :: before(:)                !! (nb) elements of the bodies before
+    logical, allocatable :: straight(:)              !! (nb) whether the elements of a body follow each other in one direction
+    real(wp), allocatable :: wrench(:, :)            !! (3, markers) of the present state [N, N m]
+    real(wp), allocatable :: now(:)                  !! (elements of the largest body) axial forces of the present state [N]
+    real(wp), allocatable :: at(:)                   !! (nodes of the largest body) forces there less those that move masses [N]
   end type axial_watch
 
 contains
@@ -36,12 +40,16 @@ contains
     type(axial_watch), intent(inout) :: self
     type(mechanism_model), intent(in) :: m
     integer :: b, n
-    if (allocated(self%worst)) deallocate (self%worst, self%before)
+    if (allocated(self%worst)) deallocate (self%worst, self%before, self%straight, self%wrench, self%now, self%at)
     allocate (self%before(size(m%s%bodies)), source=0)
+    allocate (self%straight(size(m%s%bodies)), source=.false.)
+    allocate (self%wrench(3, size(m%s%markers)), self%now(maxval([0, m%s%bodies%ne])), self%at(maxval([0, m%s%bodies%nn])))
     n = 0
     do b = 1, size(m%s%bodies)
       self%before(b) = n
-      if (watched(m%s%bodies(b))) n = n + m%s%bodies(b)%ne
+      if (.not. watched(m%s%bodies(b))) cycle
+      n = n + m%s%bodies(b)%ne
+      self%straight(b) = in_line(m%s%bodies(b))
     end do
     allocate (self%worst(n, 3), source=0.0_wp)
     self%latest = 0.0_wp
@@ -59,32 +67,32 @@ contains
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     real(wp), intent(in) :: v(:)                     !! (nq) [m/s, rad/s]
-    real(wp), allocatable :: wrench(:, :), n(:)      ! (3, markers), (elements) [N, N m], [N]
+    real(wp) :: part                                 ! [-]
     integer :: b
     if (size(self%worst) == 0) return
-    allocate (wrench(3, size(m%s%markers)))
-    call find_wrenches(m, ev, ev%lambda, ev%action, wrench)
+    call find_wrenches(m, ev, ev%lambda, ev%action, self%wrench)
     do b = 1, size(m%s%bodies)
       if (.not. watched(m%s%bodies(b))) cycle
-      n = axial_forces(m, ev, b, v, wrench)
-      associate (worst => self%worst(self%before(b) + 1:self%before(b) + size(n), :))
-        n = worst(:, mean) + part_of(m%s%bodies(b), ev%t - self%latest)*(n - worst(:, mean))
-        worst(:, mean) = n
-        if (minval(n) < minval(worst(:, pressed))) worst(:, pressed) = n
-        if (maxval(n) > maxval(worst(:, pulled))) worst(:, pulled) = n
+      associate (ne => m%s%bodies(b)%ne, first => self%before(b))
+        call axial_forces(m, ev, b, v, self%straight(b), self%wrench, self%at, self%now(:ne))
+        part = part_of(m%s%bodies(b), ev%t - self%latest)
+        associate (n => self%now(:ne), worst => self%worst(first + 1:first + ne, :))
+          n = worst(:, mean) + part*(n - worst(:, mean))
+          worst(:, mean) = n
+          if (minval(n) < minval(worst(:, pressed))) worst(:, pressed) = n
+          if (maxval(n) > maxval(worst(:, pulled))) worst(:, pulled) = n
+        end associate
       end associate
     end do
     self%latest = ev%t
   end subroutine note_axial
 
-  !> The present axial forces of a body's elements.
-  pure function axial_forces_of(self, b, elements) result(n)
+  !> The present axial force of an element of a body that is watched.
+  pure real(wp) function axial_force_of(self, b, e) result(n)   ! [N]
     type(axial_watch), intent(in) :: self
-    integer, intent(in) :: b                         !! body, one that is watched
-    integer, intent(in) :: elements                  !! how many it has
-    real(wp) :: n(elements)                          !! [N]
-    n = self%worst(self%before(b) + 1:self%before(b) + elements, mean)
-  end function axial_forces_of
+    integer, intent(in) :: b, e                      !! body, element
+    n = self%worst(self%before(b) + e, mean)
+  end function axial_force_of
 
   !> What a state after some time counts in the mean; all of the first one, and of an equilibrium.
   pure real(wp) function part_of(b, time) result(part)   ! [-]
@@ -101,18 +109,20 @@ contains
   end function least_bending
 
   !> Axial force of each element: of a beam in line what balances the forces and the inertia before it, of frames by their strain.
-  function axial_forces(m, ev, b, v, wrench) result(n)
+  subroutine axial_forces(m, ev, b, v, straight, wrench, at, n)
     type(mechanism_model), intent(in) :: m
     type(evaluation), intent(in) :: ev
     integer, intent(in) :: b                         !! body
     real(wp), intent(in) :: v(:)                     !! (nq) [m/s, rad/s]
+    logical, intent(in) :: straight                  !! whether its elements follow each other in one direction
     real(wp), intent(in) :: wrench(:, :)             !! (3, markers) of `find_wrenches` [N, N m]
-    real(wp) :: n(m%s%bodies(b)%ne)                  !! [N]
-    real(wp) :: at(m%s%bodies(b)%nn)                 ! forces at nodes less those that move masses there [N]
+    real(wp), intent(out) :: at(:)                   !! (nodes at least) forces there less those that move masses [N]
+    real(wp), intent(out) :: n(:)                    !! (elements) [N]
     real(wp) :: along(2), a(2), spin, turning        ! [-], [m/s2], [rad/s], [rad/s2]
+    real(wp) :: middle(2), half                      ! of an element [m], the force that moves half of it [N]
     integer :: k, e
     associate (body => m%s%bodies(b), i => m%s%qo(b))
-      if (.not. in_line(body)) then
+      if (.not. straight) then
         n = 0.0_wp
         if (body%basis%reduced_from > 0) return
         do e = 1, body%ne
@@ -135,10 +145,10 @@ contains
       end do
       n(1) = -at(1)
       do e = 1, body%ne
-        associate (half => 0.5_wp*body%elements(e)%mass*moved(0.5_wp*(body%x(:, e) + body%x(:, e + 1))))
-          n(e) = n(e) + half
-          if (e < body%ne) n(e + 1) = n(e) + half - at(e + 1)
-        end associate
+        middle = 0.5_wp*[body%x(1, e) + body%x(1, e + 1), body%x(2, e) + body%x(2, e + 1)]
+        half = 0.5_wp*body%elements(e)%mass*moved(middle)
+        n(e) = n(e) + half
+        if (e < body%ne) n(e + 1) = n(e) + half - at(e + 1)
       end do
     end associate
   contains
@@ -147,7 +157,7 @@ contains
       real(wp), intent(in) :: x(2)                   !! [m]
       moved = dot_product(along, a + turning*[-x(2), x(1)] - spin**2*x)
     end function moved
-  end function axial_forces
+  end subroutine axial_forces
 
   !> Whether elements follow each other in one direction.
   pure logical function in_line(b)

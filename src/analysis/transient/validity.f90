@@ -2,7 +2,7 @@
 !> the first bending frequency unless stiffening is on, motion that the mesh or the modes can carry.
 module validity
   use kinds, only: wp, pi
-  use axial_loads, only: axial_forces_of, axial_watch, begin_axial, critical_shares, note_axial, pressed, pulled
+  use axial_loads, only: axial_force_of, axial_watch, begin_axial, critical_shares, note_axial, pressed, pulled
   use banded, only: band_factor, band_solve
   use beam_element, only: geometric_stiffness
   use body, only: body_model
@@ -82,7 +82,7 @@ contains
           f(rotation) = max(f(rotation), abs(u(3)))
         end do
         f(spin) = max(f(spin), abs(v(i)))
-        if (.not. body%stiffening) call note_second_order(body, q(i + 1:i + n), axial_forces_of(self%axial, b, body%ne), f)
+        if (.not. body%stiffening) call note_second_order(body, q(i + 1:i + n), ev%elastic(b)%d, self%axial, b, f)
         if (size(body%dof, 1) > 3) f(slip) = max(f(slip), largest_slip(body, q(i + 1:i + n)))
         do k = 1, n
           f(rates) = f(rates) + self%weight(i + k)*v(i + k)**2
@@ -93,23 +93,30 @@ contains
   end subroutine note
 
   !> Adds the shortening of a bent body, and what axial forces do on it.
-  pure subroutine note_second_order(body, q, n, f)
+  pure subroutine note_second_order(body, q, d, axial, b, f)
     type(body_model), intent(in) :: body
     real(wp), intent(in) :: q(:)                     !! (nf) [m, rad]
-    real(wp), intent(in) :: n(:)                     !! (ne) axial forces [N]
+    real(wp), intent(in), contiguous :: d(:, :)      !! rows of its elements, as the evaluation has them [m, rad]
+    type(axial_watch), intent(in) :: axial
+    integer, intent(in) :: b                         !! its index
     real(wp), intent(inout) :: f(:)                  !! (9) figures of the body [m, rad, rad/s; m2/s2, m2/s4; rad; m, J, J]
-    real(wp) :: a(size(body%edof, 1)), parts(3)      ! [m, rad], [J]
+    real(wp) :: a(6), k(6, 6), parts(3)              ! [m, rad], [1/m, -, m], [J]
     real(wp) :: shorter, whole, work                 ! [m], [m], [J]
-    integer :: e
+    integer :: e, j
     whole = 0.0_wp
     work = 0.0_wp
     do e = 1, body%ne
-      a = body%basis%element_coordinates(body, e, q)
-      shorter = 0.5_wp*dot_product(a(:6), matmul(geometric_stiffness(body%elements(e), 1.0_wp), a(:6)))
+      a(:3) = body%displacement(body%en(1, e), q)
+      a(4:) = body%displacement(body%en(2, e), q)
+      k = geometric_stiffness(body%elements(e), 1.0_wp)
+      shorter = 0.0_wp
+      do j = 1, 6                                    ! a product of functions would allocate in each row
+        shorter = shorter + 0.5_wp*a(j)*dot_product(k(:, j), a)
+      end do
       whole = whole + shorter
-      work = work + n(e)*shorter
+      work = work + axial_force_of(axial, b, e)*shorter
     end do
-    parts = body%basis%strain_parts(body, q)
+    parts = body%basis%strain_parts(body, q, d)
     f(shortening) = max(f(shortening), whole)
     f(axial_work) = max(f(axial_work), abs(work))
     f(bending) = max(f(bending), 0.5_wp*sum(parts(2:)))
