@@ -11,10 +11,18 @@ DECKS = sorted((ROOT / "input").glob("*.nml"))
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+# short and thick bodies, and a step that is stable for the small deflections of this deck alone
+TOLD_BEFORE_A_RUN = {"engine": r'body "rod" is so short and thick', "quick_return": r'body "arm" is so short and thick',
+                     "spin_up_without_stiffening": r"step=4e-4 s is too large where bodies bend"}  # fmt: skip
+
+
 @pytest.mark.parametrize("deck", DECKS, ids=lambda path: path.stem)
 def test_a_shipped_deck_is_in_order_and_explains_itself(run_deck, deck):
     done = run_deck(deck, "--check")
-    assert "warning" not in done.stderr
+    told = [line.partition(": warning: ")[2] for line in done.stderr.splitlines()]
+    expected = TOLD_BEFORE_A_RUN.get(deck.stem)
+    assert len(told) == (expected is not None)
+    assert all(re.match(expected, words) for words in told)
     assert not done.folder.exists()
     assert deck.read_text(encoding="utf-8").startswith("! ")
 

@@ -75,10 +75,10 @@ def counts(program: Path, library: Path, folder: Path, text: str):
 def test_no_allocation_and_no_factorisation_in_a_step(biela, counters, tmp_path, name, method):
     if biela.name.endswith("-debug"):
         pytest.skip("the checked build makes temporary arrays")
-    runs = (SCENES[name](scenes.transient(STEP, n, method, every=n // 20)) for n in (1000, 9000))
+    # both long enough for the same verdicts at the end, which look closer at bodies whose axial loads are not small
+    runs = (SCENES[name](scenes.transient(STEP, n, method, every=n // 20)) for n in (9000, 17000))
     short, long = (counts(biela, counters, tmp_path, deck) for deck in runs)
-    # 8,000 steps differ in nothing; words of the two summaries do, and what the end asks of the loads along bodies
-    assert abs(long[0] - short[0]) < 1000
+    assert abs(long[0] - short[0]) < 400  # the words of the two summaries may differ; 8,000 steps in nothing
     assert long[1] == short[1]
     assert short[0] > 0
     assert short[1] >= FLEXIBLE[name]
@@ -95,7 +95,7 @@ def test_steps_and_their_changes_allocate_nothing(biela, counters, tmp_path, ste
         pytest.skip("the checked build makes temporary arrays")
     fixed = "step" in steps
     group = "&transient method=" + steps + " t_end={} output_step={} /\n"
-    ends = (4e-3, 0.02) if fixed else LONG.get(name, (1e-3, 4e-3))
+    ends = (4e-3, 0.02) if fixed else LONG.get(name, (4e-3, 8e-3))
     short, long = (counts(biela, counters, tmp_path, SCENES[name](group.format(t, t / 20))) for t in ends)
     total = json.loads((tmp_path / "out" / "summary.json").read_text())["transient"]["steps"]
     assert total > 1500

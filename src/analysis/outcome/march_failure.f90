@@ -65,8 +65,12 @@ contains
       if (len(text) == 0) text = too_uneven//weakest_text(run%sys%m, run%sys%ev)
       text = 'the run cannot go on after t = '//short_text(march%t, 6)//' s: '//text
     case (trouble_manifold)
-      text = 'the joints cannot be kept closed after t = '//short_text(march%t, 6)//' s: '//widest_gap(run%sys%m, run%sys%ev)// &
-             ' at t = '//short_text(march%tried, 6)//' s'//impossible(run)
+      if (run%sys%m%s%rows > 0) then
+        text = 'the joints cannot be kept closed after t = '//short_text(march%t, 6)//' s: '//widest_gap(run%sys%m, run%sys%ev)// &
+               ' at t = '//short_text(march%tried, 6)//' s'//impossible(run)
+      else
+        text = 'the motion has no finite state after t = '//short_text(march%t, 6)//' s'//growing//': the step may be too large'
+      end if
     case (trouble_accuracy)
       text = 'the step became too small'//at//': the tolerance cannot be kept'//growing//largest_reactions(run)// &
              '; the motion may be singular there (a drive beyond the reach of the mechanism, a dead centre), rounding may set '// &
