@@ -15,6 +15,9 @@ module periodic_words
   private
   public :: cycle_lines, no_cycle
 
+  !> An estimated error may be too small by this factor: true ones were up to five times as large where coordinates rest.
+  real(wp), parameter :: doubt = 5.0_wp
+
 contains
 
   !> Why there is no cycle, or why what repeats is none: a rest, rates alone, a start whose force it does not tell.
@@ -133,22 +136,21 @@ contains
   end subroutine error_lines
 
   !> Whether the cycle is stable, what of a disturbance lives longest, and where a cycle that is not stable leads. Each multiplier
-  !> counts with its error: one above 1 is enough for unstable, all below 1 are needed for stable.
+  !> counts with several times its error: one above 1 is enough for unstable, all below 1 are needed for stable.
   subroutine stability_lines(run, cycle, list, text)
     type(run_state), intent(inout) :: run
     type(cycle_state), intent(in) :: cycle
     integer, intent(in) :: list(:)             !! pairs that are told
     type(summary_record), intent(inout) :: text
-    real(wp) :: modulus(size(list))            ! [-]
+    real(wp) :: modulus(size(list)), far(size(list))   ! [-]
     logical :: grows, falls
     integer :: k
     character(:), allocatable :: what, way, unknown
     modulus = abs(cycle%pairs%value(list))
-    associate (error => cycle%error(list))
-      grows = any(modulus - error > 1) .and. .not. cycle%grazes
-      falls = all(modulus + error < 1) .and. .not. cycle%grazes
-      k = findloc(merge(modulus - error > 1, modulus + error >= 1, grows), .true., 1)
-    end associate
+    far = doubt*min(cycle%error(list), huge(1.0_wp)/doubt)
+    grows = any(modulus - far > 1) .and. .not. cycle%grazes
+    falls = all(modulus + far < 1) .and. .not. cycle%grazes
+    k = findloc(merge(modulus - far > 1, modulus + far >= 1, grows), .true., 1)
     if (falls) k = min(1, size(list))
     call text%member('stable', either(either('true', 'false', falls), 'null', falls .or. grows))
     call text%line('  largest multiplier: {largest_multiplier 8}', [maxval([0.0_wp, modulus])])
