@@ -393,8 +393,7 @@ def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: 
     found = Measured()
     if numbers_of_modes := [one.mode for one in scalars if one.mode]:
         found.modes.extend(_modes(folder, 2 * max(numbers_of_modes) + FURTHER))
-    for asked in scalars:
-        scalar = asked
+    for scalar in scalars:
         several: list = []
         if scalar.of_summary or scalar.mode:
             found.values.append(np.nan if scalar.mode else _summary_figure(folder, scalar.path))
@@ -409,13 +408,13 @@ def _measure(folder: Path, scalars: tuple[Scalar, ...], extremes: bool, errors: 
                 if scalar.measure in fatigue.NEEDS_SIGN:
                     fatigue.refuse_size(table, scalar.column, scalar.measure)
             unit = table.units.get(scalar.column) or table.units.get(f"{scalar.column}.amplitude", "")
-            scalar = asked.in_units(table.units[table.names[0]], unit)
-            found.values.append(scalar.of(axis, values, angle))
-            found.units.append(scalar.unit(unit, table.units[table.names[0]]))
+            own = scalar.in_units(table.units[table.names[0]], unit)
+            found.values.append(own.of(axis, values, angle))
+            found.units.append(own.unit(unit, table.units[table.names[0]]))
             if extremes and np.isfinite(found.values[-1]):
-                several = scalar.extremes(axis, values, angle) if scalar.measure in LARGEST else []
+                several = own.extremes(axis, values, angle) if scalar.measure in LARGEST else []
                 if scalar.measure == "misfit":
-                    found.differences.append(scalar.differences(axis, values).tolist())
+                    found.differences.append(own.differences(axis, values).tolist())
         found.extremes.append(several)
     if errors:
         found.errors.extend(_errors(folder, scalars, found.values, tables))
